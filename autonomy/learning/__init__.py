@@ -1,0 +1,1 @@
+"""What we believe: the sparse online Gaussian process, its hyperparameters and its memory."""

@@ -1,0 +1,1 @@
+"""How to speak with an autopilot, never when: sans-io codecs and protocol machines."""

@@ -1,0 +1,1 @@
+"""Where to go next: candidate sites, information, routes over water."""

@@ -1,0 +1,1 @@
+"""The only code that waits, reads clocks, or touches the network."""

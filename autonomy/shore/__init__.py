@@ -1,0 +1,1 @@
+"""The other end of the link: people ashore watching the nowcast."""

@@ -1,0 +1,1 @@
+"""A simulated ocean and vessel, so that all of halocline runs on a laptop."""
