@@ -1,0 +1,47 @@
+"""Where zenoh sessions meet: the addresses people write, and the settings made of them. Pure."""
+
+import re
+from collections.abc import Sequence
+from typing import Any, Literal
+
+_ENDPOINT = re.compile(
+    r"(?P<protocol>tcp|udp|tls|quic|ws)/(?P<host>\[[0-9A-Fa-f:.]+(%\w+)?\]|[^\s/:\[\]?#]+):(?P<port>\d{1,5})(?P<rest>[?#]\S*)?"
+)
+
+
+def check_endpoint(text: str) -> str:
+    """The same address if it is one; raises ValueError that shows how one is written."""
+    match = _ENDPOINT.fullmatch(text)
+    if match is None or int(match["port"]) > 65535:
+        raise ValueError(
+            f"not an address: {text!r}: must be protocol/host:port with protocol tcp, udp, tls, quic or ws "
+            "and a port up to 65535, such as tcp/192.168.1.10:7447"
+        )
+    return text
+
+
+def session_settings(
+    mode: Literal["peer", "client", "router"], connect: Sequence[str] = (), listen: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Settings of a zenoh session: path in zenoh's configuration to value.
+
+    A session finds only whom it is told of (no scouting), dials for ever, and is back within a second or two
+    after its router is. Shared memory stays off: it leaves files behind when a process is killed.
+    Not being able to listen is an error at once.
+
+    Raises:
+        ValueError: an address isn't one.
+    """
+    return {
+        "mode": mode,
+        "connect/endpoints": [check_endpoint(text) for text in connect],
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2},
+        "listen/endpoints": [check_endpoint(text) for text in listen],
+        "listen/timeout_ms": 0,
+        "listen/exit_on_failure": True,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/shared_memory/enabled": False,
+    }
