@@ -1,146 +1,159 @@
-"""The whole configuration tree, typed. `load()` names file, line, column, key and range of every mistake."""
+"""The configuration of a run: `load` reads it and names file, line, column and key of every mistake."""
 
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ValidationError
 
-Latitude = Annotated[float, Field(ge=-90, le=90)]
-Longitude = Annotated[float, Field(ge=-180, le=360)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+from autonomy.config_file import Document, KeyPath, read_document
+from autonomy.config_overlay import apply_environment, apply_overrides
+from autonomy.config_problems import ConfigurationError, Origin, Problem, Source
+from autonomy.config_reference import holds_file, section_of
+from autonomy.config_translate import translate
+from autonomy.config_tree import (
+    Configuration,
+    EstimationSection,
+    ExplorationSection,
+    HyperparametersSection,
+    LoggingSection,
+    MavlinkSection,
+    ModelSection,
+    PlanningSection,
+    SamplingSection,
+    Section,
+    SensorSection,
+    ShoreSection,
+    SurveySection,
+    VehicleSection,
+)
 
+__all__ = [
+    "Configuration",
+    "ConfigurationError",
+    "EstimationSection",
+    "ExplorationSection",
+    "HyperparametersSection",
+    "Loaded",
+    "LoggingSection",
+    "MavlinkSection",
+    "ModelSection",
+    "Origin",
+    "PlanningSection",
+    "Problem",
+    "SamplingSection",
+    "Section",
+    "SensorSection",
+    "ShoreSection",
+    "SurveySection",
+    "VehicleSection",
+    "load",
+    "load_with_origins",
+]
 
-class Section(BaseModel):
-    """A group of keys; unknown keys are mistakes."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class VehicleSection(Section):
-    """Who we are."""
-
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "boat1"
-    cruise_speed_mps: Positive = 1.5
-
-
-class MavlinkSection(Section):
-    """The link to the autopilot."""
-
-    endpoint: Annotated[str, Field(pattern=r"^(udpin|udpout|tcp):[^:]+:\d{1,5}$|^serial:[^:]+:\d+$")] = "udpin:0.0.0.0:14551"
-    component_id: Annotated[int, Field(ge=1, le=255)] = 191
-    adopt: bool = False
-    position_rate_hz: Positive = 4.0
-    acceptance_radius_m: Positive = 5.0
-    link_timeout_s: Positive = 5.0
-
-
-class SensorSection(Section):
-    """The probe, as it names itself on the link."""
-
-    message_name: Annotated[str, Field(min_length=1, max_length=10)] = "SALT"
-    variable: str = "sea_water_practical_salinity"
-    units: str = "1"
-    minimum: float = float("-inf")
-    maximum: float = float("inf")
-
-
-class SurveySection(Section):
-    """Where to survey. Files are GeoJSON, resolved relative to the configuration file."""
-
-    area: Annotated[list[tuple[Latitude, Longitude]], Field(min_length=3)] | Path
-    keep_in: Path | None = None
-    keep_out: Path | None = None
-    land: Path | None = None
-    standoff_m: NonNegative = 100.0
-    passage_cells: Annotated[int, Field(ge=20, le=1000)] = 200
+_GEOJSON = "a file of GeoJSON polygons"
 
 
-class SamplingSection(Section):
-    """Which readings teach the model."""
+@dataclass(frozen=True)
+class Loaded:
+    """A configuration and the origin of every value that is not a default, by its path of keys."""
 
-    spacing_m: NonNegative = 0.0
-    minimum_speed_mps: NonNegative = 0.2
-    pairing_gap_s: Positive = 1.0
-
-
-class HyperparametersSection(Section):
-    """Hyperparameters set by hand, in the sensor's units and metres."""
-
-    signal_variance: Positive
-    noise_variance: Positive
-    lengthscales_m: tuple[Positive, Positive]
+    configuration: Configuration
+    origins: Mapping[tuple[str | int, ...], Origin]
 
 
-class ModelSection(Section):
-    """The sparse online Gaussian process."""
+def load(
+    path: Path | str, environment: Mapping[str, str] | None = None, overrides: Sequence[str] = ()
+) -> Configuration:
+    """Read a configuration file; environment and options override it, in this order.
 
-    capacity: Annotated[int, Field(ge=2, le=1000)] = 100
-    novelty: Annotated[float, Field(ge=0, lt=1)] = 1e-3
-    jitter: Annotated[float, Field(gt=0, le=1e-2)] = 1e-8
-    centring_samples: Annotated[int, Field(ge=0, le=10_000)] = 20
-    hyperparameters: HyperparametersSection | None = None
-    history_cells: Annotated[int, Field(ge=100, le=100_000)] = 2000
+    Args:
+        path: a YAML file.
+        environment: variables such as HALOCLINE_MODEL__CAPACITY; None means this process's own.
+        overrides: options such as `model.capacity=50`.
 
-
-class EstimationSection(Section):
-    """How the hyperparameters are re-estimated."""
-
-    objective: Literal["loo", "marginal"] = "loo"
-    data: Literal["history", "basis"] = "history"
-    optimiser: Literal["lbfgs", "gradient_ascent"] = "lbfgs"
-    priors: bool = True
-    isotropic: bool = True
-    maximum_points: Annotated[int, Field(ge=20, le=1000)] = 300
-    iterations: Annotated[int, Field(ge=1, le=10_000)] = 100
-    learning_rate: Positive = 0.01
+    Raises:
+        ConfigurationError: its `problems` are all the mistakes, each with file, line, column and key.
+    """
+    return load_with_origins(path, environment, overrides).configuration
 
 
-class ExplorationSection(Section):
-    """Algorithm 1: when to re-estimate and re-plan."""
-
-    rho0: Annotated[float, Field(gt=0, le=1)] = 0.6
-    rho_rule: Literal["added", "replaced"] = "added"
-    minimum_basis: Annotated[int, Field(ge=1, le=1000)] = 30
-    maximum_interval_s: Positive | None = 3600.0
-    reestimate_on_path_end: bool = True
-
-
-class PlanningSection(Section):
-    """The planner."""
-
-    planner: Literal["paper"] = "paper"
-    lattice: tuple[Annotated[int, Field(ge=2, le=100)], Annotated[int, Field(ge=2, le=100)]] = (12, 12)
-    spots: Annotated[int, Field(ge=1, le=200)] = 20
-    deadline_s: Positive = 120.0
-
-
-class ShoreSection(Section):
-    """zenoh: the routers ashore that the vessel dials, and how often it publishes."""
-
-    connect: list[str] = []
-    model_period_s: Positive = 2.0
-    health_period_s: Positive = 1.0
+def load_with_origins(
+    path: Path | str, environment: Mapping[str, str] | None = None, overrides: Sequence[str] = ()
+) -> Loaded:
+    """As `load`, and tells where each value comes from."""
+    document = read_document(path)
+    apply_environment(document, os.environ if environment is None else environment, Configuration)
+    apply_overrides(document, overrides, Configuration)
+    _fill_empty_sections(document)
+    problems = list(document.problems)
+    problems += _resolve_files(document)
+    try:
+        configuration = Configuration.model_validate(document.data)
+    except ValidationError as error:
+        found = list(translate(error, document, Configuration))
+        problems += [finding.problem for finding in found]
+        problems += _conflicts_among_the_rest(document, {path for finding in found for path in finding.paths})
+        raise ConfigurationError(problems) from None
+    if problems:
+        raise ConfigurationError(problems)
+    return Loaded(configuration, document.origins)
 
 
-class LoggingSection(Section):
-    """What goes into the log."""
+def _fill_empty_sections(document: Document) -> None:
+    """A section whose keys are all commented out reads as null; it means its defaults."""
+    for name, field in Configuration.model_fields.items():
+        if section_of(field) is not None and name in document.data and document.data[name] is None:
+            document.data[name] = {}
 
-    level: Literal["debug", "info", "warning", "error"] = "info"
+
+def _resolve_files(document: Document) -> Iterator[Problem]:
+    """Make the names of files absolute, and look whether they are there.
+
+    Names in the file are relative to the file; names on the command line and in the environment are relative
+    to the present directory, as everywhere on a command line.
+    """
+    base = Path(document.file).absolute().parent
+    for section_name, section_field in Configuration.model_fields.items():
+        section, values = section_of(section_field), document.data.get(section_name)
+        if section is None or not isinstance(values, dict):
+            continue
+        for name, field in section.model_fields.items():
+            if not holds_file(field) or not isinstance(values.get(name), str):
+                continue
+            origin = document.origins[section_name, name]
+            file = (base if origin.source is Source.FILE else Path.cwd()) / values[name]
+            values[name] = str(file)
+            if not _is_readable_file(file):
+                yield Problem(origin, f"{section_name}.{name}", f"no readable file {str(file)!a}", _GEOJSON)
 
 
-class Configuration(Section):
-    """Everything a run depends on."""
+def _is_readable_file(file: Path) -> bool:
+    try:
+        return file.is_file() and os.access(file, os.R_OK)
+    except (OSError, ValueError):  # a name that no file system takes
+        return False
 
-    vehicle: VehicleSection = VehicleSection()
-    mavlink: MavlinkSection = MavlinkSection()
-    sensor: SensorSection = SensorSection()
-    survey: SurveySection
-    sampling: SamplingSection = SamplingSection()
-    model: ModelSection = ModelSection()
-    estimation: EstimationSection = EstimationSection()
-    exploration: ExplorationSection = ExplorationSection()
-    planning: PlanningSection = PlanningSection()
-    shore: ShoreSection = ShoreSection()
-    logging: LoggingSection = LoggingSection()
-    seed: Annotated[int, Field(ge=0)] = 0
+
+def _conflicts_among_the_rest(document: Document, wrong: set[KeyPath]) -> list[Problem]:
+    """Conflicts among the values that are right in themselves: pydantic looks for them only when all are."""
+    data = {
+        name: {key: value for key, value in section.items() if not _concerns((name, key), wrong)}
+        for name, section in document.data.items()
+        if isinstance(section, dict) and name in Configuration.model_fields
+    }
+    data["survey"] = {"area": [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]]}
+    try:
+        Configuration.model_validate(data)
+    except ValidationError as error:
+        return [
+            finding.problem
+            for finding in translate(error, document, Configuration)
+            if not any(_concerns(path, wrong) for path in finding.paths)
+        ]
+    return []
+
+
+def _concerns(path: KeyPath, wrong: set[KeyPath]) -> bool:
+    return any(path[: len(other)] == other or other[: len(path)] == path for other in wrong)

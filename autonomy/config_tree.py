@@ -1,0 +1,350 @@
+"""The configuration tree: every section, key, default, range and meaning."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from autonomy.config_types import (
+    AREA_FORMS,
+    ENDPOINT_FORMS,
+    LOCATOR_FORMS,
+    Area,
+    Bound,
+    Endpoint,
+    FilePath,
+    LatticeSide,
+    Locator,
+    NonNegative,
+    Positive,
+)
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """Values each allowed but not together; `keys` are dotted, relative to the section that says so."""
+
+    keys: tuple[str, ...]
+    what: str
+    allowed: str
+
+
+class Section(BaseModel):
+    """A group of keys; unknown keys are mistakes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """What cannot be true together."""
+        yield from ()
+
+    @model_validator(mode="after")
+    def _without_conflicts(self) -> Self:
+        found = tuple(self.conflicts())
+        if found:
+            text = "; ".join(f"{conflict.keys[0]}: {conflict.what}" for conflict in found)
+            raise PydanticCustomError("conflict", "{text}", {"text": text, "conflicts": found})
+        return self
+
+
+class VehicleSection(Section):
+    """Who we are."""
+
+    name: str = Field(
+        default="boat1",
+        pattern=r"^[A-Za-z0-9_-]{1,32}$",
+        description="name of the vehicle; people ashore follow usv/NAME/… on zenoh",
+        json_schema_extra={"allowed": "1 to 32 letters, digits, - and _"},
+    )
+    cruise_speed_mps: Positive = Field(
+        default=1.5,
+        description="speed over ground under way, as set on the autopilot (WP_SPEED); used to look ahead",
+    )
+
+
+class MavlinkSection(Section):
+    """The link to the autopilot."""
+
+    endpoint: Endpoint = Field(
+        default="udpin:0.0.0.0:14551",
+        description="where the autopilot is: udpin listens, udpout and tcp call, serial opens a device",
+        json_schema_extra={"allowed": ENDPOINT_FORMS},
+    )
+    component_id: int = Field(
+        default=191, ge=2, le=255, description="our MAVLink component; 191 is MAV_COMP_ID_ONBOARD_COMPUTER"
+    )
+    adopt: bool = Field(
+        default=False,
+        description="whether a mission on board that is not ours may be overwritten before the first AUTO",
+    )
+    position_rate_hz: Positive = Field(
+        default=4.0, description="rate at which positions are asked of the autopilot"
+    )
+    acceptance_radius_m: Positive = Field(
+        default=5.0, description="distance at which a waypoint counts as reached; sent with each waypoint"
+    )
+    link_timeout_s: Positive = Field(
+        default=5.0, description="silence of the autopilot after which the link counts as lost"
+    )
+
+
+class SensorSection(Section):
+    """The probe, as it names itself on the link."""
+
+    message_name: str = Field(
+        default="SALT",
+        pattern=r"^[!-~]{1,10}$",
+        description="name in the probe's NAMED_VALUE_FLOAT messages",
+        json_schema_extra={"allowed": "1 to 10 printable ASCII characters without spaces"},
+    )
+    variable: str = Field(
+        default="sea_water_practical_salinity",
+        min_length=1,
+        description="what is measured, as a CF standard name; goes into what is published",
+    )
+    units: str = Field(
+        default="1", min_length=1, description="unit of the readings, as CF writes it; goes with them"
+    )
+    minimum: Bound = Field(
+        default=float("-inf"),
+        description="readings below this are not learnt from",
+        json_schema_extra={"unit": "the sensor's", "allowed": "a number, or -.inf for no limit"},
+    )
+    maximum: Bound = Field(
+        default=float("inf"),
+        description="readings above this are not learnt from",
+        json_schema_extra={"unit": "the sensor's", "allowed": "a number, or .inf for no limit"},
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """An empty range would refuse every reading."""
+        if not self.minimum < self.maximum:
+            what = f"must be below sensor.maximum ({self.maximum:g}) (got {self.minimum:g})"
+            yield Conflict(("minimum", "maximum"), what, "sensor.minimum < sensor.maximum")
+
+
+class SurveySection(Section):
+    """Where to survey. Files are GeoJSON, resolved relative to the configuration file."""
+
+    area: Area = Field(
+        description="the survey area",
+        json_schema_extra={"unit": "degrees", "allowed": AREA_FORMS},
+    )
+    keep_in: FilePath | None = Field(default=None, description="polygons that the vessel must not leave")
+    keep_out: FilePath | None = Field(default=None, description="polygons that the vessel must not enter")
+    land: FilePath | None = Field(
+        default=None, description="polygons of land; without them all of the area is water"
+    )
+    standoff_m: NonNegative = Field(default=100.0, description="distance kept from land and from the limits")
+    passage_cells: int = Field(
+        default=200,
+        ge=20,
+        le=1000,
+        description="cells along the longer side of the grid on which ways round land are sought",
+    )
+
+
+class SamplingSection(Section):
+    """Which readings teach the model."""
+
+    spacing_m: NonNegative = Field(
+        default=0.0,
+        description="readings closer than this to the last one learnt are skipped; 0 takes all of them",
+    )
+    minimum_speed_mps: NonNegative = Field(
+        default=0.2,
+        description="readings at a lower speed over ground are skipped: lying still teaches nothing new",
+    )
+    pairing_gap_s: Positive = Field(
+        default=1.0, description="a reading further than this in time from a position fix is dropped"
+    )
+
+
+class HyperparametersSection(Section):
+    """Hyperparameters set by hand, in the sensor's units and metres."""
+
+    signal_variance: Positive = Field(
+        description="variance of the field", json_schema_extra={"unit": "the sensor's, squared"}
+    )
+    noise_variance: Positive = Field(
+        description="variance of a reading's noise", json_schema_extra={"unit": "the sensor's, squared"}
+    )
+    lengthscales_m: Annotated[tuple[Positive, Positive], Field(strict=False)] = Field(
+        description="correlation lengths to the east and to the north"
+    )
+
+
+class ModelSection(Section):
+    """The sparse online Gaussian process."""
+
+    capacity: int = Field(default=100, ge=2, le=1000, description="largest number of basis vectors kept")
+    novelty: float = Field(
+        default=1e-3,
+        ge=0,
+        lt=1,
+        allow_inf_nan=False,
+        description="a reading joins the basis if this share of the signal variance was unexplained there",
+        json_schema_extra={"unit": "of the signal variance"},
+    )
+    jitter: float = Field(
+        default=1e-8,
+        gt=0,
+        le=1e-2,
+        allow_inf_nan=False,
+        description="added to the diagonal of the kernel matrix, for its Cholesky factor",
+        json_schema_extra={"unit": "of the signal variance"},
+    )
+    centring_samples: int = Field(
+        default=20,
+        ge=0,
+        le=10_000,
+        description="first readings, whose mean is taken off before learning; 0 takes nothing off",
+    )
+    hyperparameters: HyperparametersSection | None = Field(
+        default=None,
+        description="start values set by hand; null derives them from the survey's size and first readings",
+    )
+    history_cells: int = Field(
+        default=2000,
+        ge=100,
+        le=100_000,
+        description="cells of the history from which a re-estimate rebuilds the model",
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Without first readings nothing says how large the field's variance is."""
+        if self.centring_samples == 0 and self.hyperparameters is None:
+            yield Conflict(
+                ("centring_samples", "hyperparameters"),
+                "0 needs model.hyperparameters: without first readings there is nothing to derive them from",
+                "at least 1, or model.hyperparameters given",
+            )
+        if self.history_cells < self.capacity:
+            what = f"must be at least model.capacity ({self.capacity}) (got {self.history_cells})"
+            yield Conflict(("history_cells", "capacity"), what, "model.history_cells >= model.capacity")
+
+
+class EstimationSection(Section):
+    """How the hyperparameters are re-estimated."""
+
+    objective: Literal["loo", "marginal"] = Field(
+        default="loo", description="what is maximised: leave-one-out or marginal likelihood"
+    )
+    data: Literal["history", "basis"] = Field(
+        default="history",
+        description="what is fitted: cells of the history, or the basis vectors' own readings",
+    )
+    optimiser: Literal["lbfgs", "gradient_ascent"] = Field(
+        default="lbfgs", description="how it is maximised, on the logarithms of the hyperparameters"
+    )
+    priors: bool = Field(
+        default=True, description="whether weak log-normal priors scaled to the survey take part"
+    )
+    isotropic: bool = Field(default=True, description="whether one length-scale serves both axes")
+    maximum_points: int = Field(default=300, ge=20, le=1000, description="most points used in one fit")
+    iterations: int = Field(default=100, ge=1, le=10_000, description="most iterations of the optimiser")
+    learning_rate: Positive = Field(
+        default=0.01, description="step of gradient_ascent; lbfgs does not use it"
+    )
+
+
+class ExplorationSection(Section):
+    """Algorithm 1: when to re-estimate and re-plan."""
+
+    rho0: float = Field(
+        default=0.6,
+        gt=0,
+        le=1,
+        allow_inf_nan=False,
+        description="rho above which the model is re-estimated and a new path planned; 1 is never exceeded",
+    )
+    rho_rule: Literal["added", "replaced"] = Field(
+        default="added",
+        description="share of basis vectors added since the last re-estimate, or replacements over capacity",
+    )
+    minimum_basis: int = Field(
+        default=30,
+        ge=1,
+        le=1000,
+        description="rho and the interval count only from this many basis vectors on",
+    )
+    maximum_interval_s: Positive | None = Field(
+        default=3600.0, description="longest model time between re-estimates; null for no limit"
+    )
+    reestimate_on_path_end: bool = Field(
+        default=True,
+        description="whether the end of a path brings a re-estimate, or only a new path",
+    )
+
+
+class PlanningSection(Section):
+    """The planner."""
+
+    planner: Literal["paper"] = Field(default="paper", description="how the next path is found")
+    lattice: Annotated[tuple[LatticeSide, LatticeSide], Field(strict=False)] = Field(
+        default=(12, 12),
+        description="candidate sites across the area, to the east and to the north; those on land drop out",
+    )
+    spots: int = Field(default=20, ge=1, le=200, description="sampling spots on one path")
+    deadline_s: Positive = Field(
+        default=120.0,
+        description="time after which a re-estimate or a plan is given up and the worker replaced",
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Mutual information is about the spots and the rest, so there must be a rest."""
+        sites = self.lattice[0] * self.lattice[1]
+        if self.spots >= sites:
+            what = f"must be below the {sites} sites of planning.lattice (got {self.spots})"
+            yield Conflict(("spots", "lattice"), what, "planning.spots < product of planning.lattice")
+
+
+class ShoreSection(Section):
+    """zenoh: the routers ashore that the vessel dials, and how often it publishes."""
+
+    connect: Annotated[list[Locator], Field(strict=False)] = Field(
+        default=[],
+        description="routers ashore that the vessel dials, for ever; none: nothing is published",
+        json_schema_extra={"allowed": f"a list; each {LOCATOR_FORMS}"},
+    )
+    model_period_s: Positive = Field(
+        default=2.0, description="shortest time between two snapshots of the model"
+    )
+    health_period_s: Positive = Field(default=1.0, description="time between two reports of health")
+
+
+class LoggingSection(Section):
+    """What goes into the log."""
+
+    level: Literal["debug", "info", "warning", "error"] = Field(
+        default="info", description="lines below this severity are left out"
+    )
+
+
+class Configuration(Section):
+    """Everything a run depends on."""
+
+    vehicle: VehicleSection = VehicleSection()
+    mavlink: MavlinkSection = MavlinkSection()
+    sensor: SensorSection = SensorSection()
+    survey: SurveySection
+    sampling: SamplingSection = SamplingSection()
+    model: ModelSection = ModelSection()
+    estimation: EstimationSection = EstimationSection()
+    exploration: ExplorationSection = ExplorationSection()
+    planning: PlanningSection = PlanningSection()
+    shore: ShoreSection = ShoreSection()
+    logging: LoggingSection = LoggingSection()
+    seed: int = Field(
+        default=0, ge=0, description="seed of every random choice; runs with equal inputs are equal"
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """A basis that can't grow to its minimum would never re-estimate."""
+        if self.model.capacity < self.exploration.minimum_basis:
+            minimum, capacity = self.exploration.minimum_basis, self.model.capacity
+            what = f"must be at most model.capacity ({capacity}) (got {minimum})"
+            keys = ("exploration.minimum_basis", "model.capacity")
+            yield Conflict(keys, what, "exploration.minimum_basis <= model.capacity")
