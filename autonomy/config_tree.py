@@ -137,7 +137,7 @@ class SurveySection(Section):
     land: FilePath | None = Field(
         default=None, description="polygons of land; without them all of the area is water"
     )
-    standoff_m: NonNegative = Field(default=100.0, description="distance kept from land and from the limits")
+    standoff_m: NonNegative = Field(default=100.0, description="distance kept from land and keep-out")
     passage_cells: int = Field(
         default=200,
         ge=20,

@@ -1,0 +1,26 @@
+"""`autonomy check-config FILE…`: whether the service would accept these configurations."""
+
+import argparse
+import sys
+
+from autonomy.config import ConfigurationError
+from autonomy.config_cli import add_override_argument, load_with_survey, tell
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("files", metavar="FILE", nargs="+", help="configuration in YAML")
+    add_override_argument(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print `FILE: ok`, or every mistake to standard error; 0 if all files are good, else 78."""
+    code = 0
+    for file in arguments.files:
+        try:
+            load_with_survey(file, arguments.overrides)
+        except ConfigurationError as error:
+            code = tell(error)
+        else:
+            sys.stdout.write(f"{file}: ok\n")
+    return code

@@ -1,0 +1,60 @@
+"""What the verbs that take a configuration share: their arguments, and how its mistakes are told."""
+
+import argparse
+import sys
+
+from autonomy.config import ConfigurationError, Loaded, Origin, Problem, load_with_origins
+from autonomy.config_problems import Source
+from autonomy.planning.survey import SurveyArea, SurveyError, read_survey
+
+EXIT_CONFIGURATION = 78
+"""EX_CONFIG of sysexits.h; systemd does not restart the service after it."""
+
+
+def add_override_argument(parser: argparse.ArgumentParser) -> None:
+    """Give the verb the option `--set KEY=VALUE`."""
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        metavar="KEY=VALUE",
+        type=_override,
+        action="append",
+        default=[],
+        help="override one value, such as model.capacity=50; may be repeated",
+    )
+
+
+def load_with_survey(file: str, overrides: list[str]) -> tuple[Loaded, SurveyArea]:
+    """Read a configuration and the GeoJSON files that it names.
+
+    Raises:
+        ConfigurationError: either can't be used.
+    """
+    loaded = load_with_origins(file, overrides=overrides)
+    try:
+        return loaded, read_survey(loaded.configuration.survey)
+    except SurveyError as error:
+        raise ConfigurationError([_survey_problem(loaded, file, error)]) from error
+
+
+def tell(error: ConfigurationError) -> int:
+    """Print every mistake, one a line, to standard error; return the exit code."""
+    sys.stderr.write(f"{error}\n")
+    return EXIT_CONFIGURATION
+
+
+def _override(text: str) -> str:
+    key, equals, _ = text.partition("=")
+    if not equals or not key.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form SECTION.KEY=VALUE")
+    return text
+
+
+def _survey_problem(loaded: Loaded, file: str, error: SurveyError) -> Problem:
+    """The reader's message, placed at the key that names the file in question, else at the section."""
+    section = loaded.configuration.survey
+    named = [key for key in type(section).model_fields if str(getattr(section, key)) in str(error)]
+    key = next((key for key in named if ("survey", key) in loaded.origins), None)
+    path = ("survey",) if key is None else ("survey", key)
+    origin = loaded.origins.get(path, Origin(Source.FILE, file))
+    return Problem(origin, ".".join(path), str(error))
