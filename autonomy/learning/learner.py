@@ -1,0 +1,293 @@
+"""What the core owns: centring, the online model, the history; and the re-estimate that a worker makes of them."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from autonomy.config import EstimationSection
+from autonomy.learning.field_model import FieldModel
+from autonomy.learning.history import History, HistoryCells
+from autonomy.learning.hyperparameters import Fit, Priors, fit
+from autonomy.learning.kernel import FloatArray, Hyperparameters
+from autonomy.learning.sparse_gp import SparseOnlineGP, Update, select_basis
+
+_DIMENSIONS = 2
+
+
+@dataclass(frozen=True)
+class ReestimateRequest:
+    """All that `reestimate` needs, small and picklable. `samples` names the request: the readings learnt by then."""
+
+    cells: HistoryCells
+    basis: FloatArray
+    basis_readings: FloatArray
+    hyperparameters: Hyperparameters
+    prior_mean: float
+    refresh_mean: bool
+    span_m: float
+    capacity: int
+    novelty: float
+    jitter: float
+    time_s: float
+    samples: int
+    options: EstimationSection
+    seed: int
+
+
+@dataclass(frozen=True)
+class Reestimate:
+    """New hyperparameters and the model rebuilt under them. `fit` tells how it went; `samples` whose request it was."""
+
+    hyperparameters: Hyperparameters
+    prior_mean: float
+    gp: SparseOnlineGP
+    log_likelihood: float
+    points: int
+    fit: Fit
+    time_s: float
+    samples: int
+
+
+class Learner:
+    """Learns the field from a stream of readings in local metres and model time. Picklable.
+
+    The first `centring_samples` readings only tell offset and scale; then the model is born and absorbs them all. With 0 it is
+    born at once with prior mean 0, and `hyperparameters` are required. `capacity`, `novelty`, `jitter`: see `SparseOnlineGP`.
+    """
+
+    def __init__(
+        self,
+        span_m: float,
+        capacity: int = 100,
+        novelty: float = 1e-3,
+        jitter: float = 1e-8,
+        centring_samples: int = 20,
+        history_cells: int = 2000,
+        hyperparameters: Hyperparameters | None = None,
+    ) -> None:
+        if centring_samples < 0:
+            raise ValueError(f"centring_samples must not be negative, but is {centring_samples}")
+        if centring_samples == 0 and hyperparameters is None:
+            raise ValueError(
+                "without centring (centring_samples = 0) nothing tells the field's scale: "
+                "give hyperparameters, or let the first readings (e.g. 20) tell it"
+            )
+        if hyperparameters is not None and hyperparameters.dimensions != _DIMENSIONS:
+            raise ValueError(
+                f"lengthscales_m must have {_DIMENSIONS} entries, not {hyperparameters.dimensions}"
+            )
+        self.history = History(span_m, history_cells)
+        self._span_m = span_m
+        self._capacity, self._novelty, self._jitter = capacity, novelty, jitter
+        self._centring_samples = centring_samples
+        self._given = hyperparameters
+        self._collected: list[tuple[FloatArray, float, float]] = []
+        self._since_request: list[tuple[FloatArray, float, float]] | None = None
+        self._requested_at = -1
+        self._time_s = -math.inf
+        self._mark = 0
+        self._replacements_at_mark = 0
+        self._prior = FieldModel.prior(hyperparameters or Priors.scaled(span_m, 1.0).medians(_DIMENSIONS))
+        self._gp: SparseOnlineGP | None = None
+        if centring_samples == 0 and hyperparameters is not None:
+            self._gp = self._new_gp(hyperparameters, 0.0)
+        elif hyperparameters is not None:
+            self._new_gp(hyperparameters, 0.0)  # so that a bad capacity, novelty or jitter is told now
+        else:
+            self._new_gp(self._prior.hyperparameters, 0.0)
+
+    @property
+    def born(self) -> bool:
+        """Whether offset and scale are known, so that there is a model."""
+        return self._gp is not None
+
+    @property
+    def gp(self) -> SparseOnlineGP:
+        """The online model. Raises RuntimeError before it is born."""
+        if self._gp is None:
+            raise RuntimeError(
+                f"the model is not born yet: {len(self._collected)} of {self._centring_samples} readings are in"
+            )
+        return self._gp
+
+    @property
+    def samples(self) -> int:
+        """Readings taken in so far, those for centring included."""
+        return self.history.samples
+
+    @property
+    def basis(self) -> FloatArray:
+        """Basis vectors (m, 2), metres; empty before birth."""
+        return self._prior.basis if self._gp is None else self._gp.basis
+
+    @property
+    def fresh_count(self) -> int:
+        """How many of the current basis vectors were added since the last mark."""
+        return 0 if self._gp is None else int((self._gp.basis_births > self._mark).sum())
+
+    @property
+    def replaced_since_mark(self) -> int:
+        """How many replacements there were since the last mark."""
+        return 0 if self._gp is None else self._gp.replacements - self._replacements_at_mark
+
+    def mark(self) -> None:
+        """Count fresh basis vectors and replacements from here on."""
+        self._mark = 0 if self._gp is None else self._gp.updates
+        self._replacements_at_mark = 0 if self._gp is None else self._gp.replacements
+
+    def add(self, point: ArrayLike, value: float, time_s: float) -> Update | None:
+        """Learn `value` at `point` (2,) metres at model time `time_s`; None while offset and scale are unknown.
+
+        ValueError, and no change, for anything not finite. A reading from before the last one counts as simultaneous.
+        """
+        x = np.array(point, dtype=np.float64)
+        self.history.add(x, value, time_s)
+        reading = (x, float(value), float(time_s))
+        if self._gp is None:
+            self._collected.append(reading)
+            if len(self._collected) < self._centring_samples:
+                return None
+            return self._give_birth()
+        if self._since_request is not None:
+            self._since_request.append(reading)
+        return self._learn(reading)
+
+    def model(self) -> FieldModel:
+        """The posterior; before birth the prior (of unit variance unless hyperparameters were given)."""
+        return self._prior if self._gp is None else self._gp.model()
+
+    def reestimate_request(self, seed: int, options: EstimationSection) -> ReestimateRequest:
+        """The job for a worker; readings from now on are also kept for `adopt`. Replaces an earlier request.
+
+        Raises RuntimeError before the model is born.
+        """
+        gp = self.gp
+        self._since_request = []
+        self._requested_at = self.samples
+        return ReestimateRequest(
+            cells=self.history.cells(),
+            basis=gp.basis,
+            basis_readings=gp.basis_readings,
+            hyperparameters=gp.hyperparameters,
+            prior_mean=gp.prior_mean,
+            refresh_mean=self._centring_samples > 0,
+            span_m=self._span_m,
+            capacity=self._capacity,
+            novelty=self._novelty,
+            jitter=self._jitter,
+            time_s=self._time_s,
+            samples=self.samples,
+            options=options,
+            seed=seed,
+        )
+
+    def withdraw_request(self) -> None:
+        """The job of the last request will not come back: stop keeping readings for it."""
+        self._since_request, self._requested_at = None, -1
+
+    def adopt(self, result: Reestimate) -> None:
+        """Go on with the re-estimated model, having learnt what came in since the request; marks.
+
+        Raises ValueError if `result` does not answer the last request.
+        """
+        if self._since_request is None or result.samples != self._requested_at:
+            raise ValueError(
+                f"this re-estimate answers the request at {result.samples} samples, "
+                f"but the open one is {'none' if self._since_request is None else f'at {self._requested_at}'}"
+            )
+        late = self._since_request
+        self.withdraw_request()
+        self._gp, self._time_s = result.gp, result.time_s
+        self.mark()
+        for reading in late:
+            self._learn(reading)
+
+    def _new_gp(self, h: Hyperparameters, prior_mean: float) -> SparseOnlineGP:
+        return SparseOnlineGP(h, self._capacity, self._novelty, self._jitter, prior_mean)
+
+    def _give_birth(self) -> Update:
+        values = np.array([value for _, value, _ in self._collected])
+        h = self._given or Priors.scaled(self._span_m, _safe_variance(values)).medians(_DIMENSIONS)
+        self._gp = self._new_gp(h, float(values.mean()))
+        collected, self._collected = self._collected, []
+        return [self._learn(reading) for reading in collected][-1]
+
+    def _learn(self, reading: tuple[FloatArray, float, float]) -> Update:
+        point, value, time_s = reading
+        self.gp.advance(max(0.0, time_s - self._time_s) if math.isfinite(self._time_s) else 0.0)
+        self._time_s = max(self._time_s, time_s)
+        return self.gp.update(point, value)
+
+
+def reestimate(request: ReestimateRequest) -> Reestimate:
+    """Fit the hyperparameters and rebuild the model under them from the history. Pure and slow: for the worker."""
+    found = _fit(request)
+    if found.kept_start:
+        found = replace(found, prior_mean=request.prior_mean)
+    gp = _rebuild(request, found.hyperparameters, found.prior_mean)
+    points = len(request.basis) if request.options.data == "basis" else _fit_count(request)
+    return Reestimate(
+        hyperparameters=found.hyperparameters,
+        prior_mean=found.prior_mean,
+        gp=gp,
+        log_likelihood=found.log_likelihood,
+        points=points,
+        fit=found,
+        time_s=request.time_s,
+        samples=request.samples,
+    )
+
+
+def _fit_count(request: ReestimateRequest) -> int:
+    return min(len(request.cells), request.options.maximum_points)
+
+
+def _fit(request: ReestimateRequest) -> Fit:
+    options = request.options
+    if options.data == "basis":
+        x, y, noise_scale = request.basis, request.basis_readings, None
+    else:
+        chosen = np.random.default_rng(request.seed).permutation(len(request.cells))[: _fit_count(request)]
+        sample = request.cells.take(chosen)
+        x, y, noise_scale = sample.points, sample.means, 1.0 / sample.counts
+    variance = _safe_variance(request.cells.means)
+    return fit(
+        x,
+        y,
+        request.hyperparameters,
+        objective=options.objective,
+        priors=Priors.scaled(request.span_m, variance) if options.priors else None,
+        optimiser=options.optimiser,
+        learning_rate=options.learning_rate,
+        iterations=options.iterations,
+        isotropic=options.isotropic,
+        noise_scale=noise_scale,
+        # The basis is a biased sample, too spread out to tell the mean better than it was known.
+        mean="gls" if request.refresh_mean and options.data == "history" else request.prior_mean,
+    )
+
+
+def _rebuild(request: ReestimateRequest, h: Hyperparameters, prior_mean: float) -> SparseOnlineGP:
+    """A new basis under the new kernel, by pivoted Cholesky over the cells, and the whole history absorbed."""
+    gp = SparseOnlineGP(h, request.capacity, request.novelty, request.jitter, prior_mean)
+    cells = request.cells
+    chosen = np.array(select_basis(cells.points, h, request.capacity, request.novelty), dtype=np.intp)
+    gp.start_basis(cells.points[chosen], cells.means[chosen])
+    noise = h.noise_variance / cells.counts
+    if h.timescale_s == math.inf:
+        gp.absorb(cells.points, cells.means, noise)
+        return gp
+    # A field that forgets has to be told in the order of time.
+    for i, time_s in enumerate(cells.times_s):
+        gp.project(cells.points[i], float(cells.means[i]), float(noise[i]))
+        following = cells.times_s[i + 1] if i + 1 < len(cells) else request.time_s
+        gp.advance(max(0.0, float(following - time_s)))
+    return gp
+
+
+def _safe_variance(values: FloatArray) -> float:
+    """The variance of the readings; something tiny but positive if they do not vary."""
+    scale = float(np.abs(values).max()) or 1.0
+    return max(float(values.var()), (1e-9 * scale) ** 2)
