@@ -1,0 +1,142 @@
+"""Bytes to MAVLink messages and back: pymavlink's generated dialect with framing of our own.
+
+pymavlink's own stream parser gives up the whole claimed length of a frame whose checksum is wrong, and
+with it the good frames inside. Here the search goes on at the next byte: one flipped bit costs one message.
+"""
+
+import re
+from collections import OrderedDict
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+_MARKER = re.compile(b"[\xfe\xfd]")
+_V1_OVERHEAD = 8  # marker, 5 header bytes, 2 checksum bytes
+_V2_OVERHEAD = 12
+_SIGNATURE = 13
+_SIGNED = 0x01
+_MAXIMUM_PEERS = 64
+
+
+@dataclass
+class DecodingCounters:
+    """What came in since the codec was made."""
+
+    messages: int = 0
+    bad_frames: int = 0
+    unknown_messages: int = 0
+    skipped_bytes: int = 0
+
+
+class Codec:
+    """One end of a MAVLink link: our identity, our sequence numbers, and one parser for each peer.
+
+    `system_id` may be changed at any time: a companion takes over the vehicle's once it is known.
+    """
+
+    def __init__(self, system_id: int, component_id: int) -> None:
+        self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+        self._mav.robust_parsing = True
+        self._tails: OrderedDict[Hashable, bytes] = OrderedDict()
+        self.counters = DecodingCounters()
+
+    @property
+    def system_id(self) -> int:
+        """The system id that outgoing messages carry."""
+        return int(self._mav.srcSystem)
+
+    @system_id.setter
+    def system_id(self, value: int) -> None:
+        if not 1 <= value <= 255:
+            raise ValueError(f"MAVLink system id must be 1 to 255, got {value}")
+        self._mav.srcSystem = value
+
+    @property
+    def component_id(self) -> int:
+        """The component id that outgoing messages carry."""
+        return int(self._mav.srcComponent)
+
+    def encode(self, message: Any) -> bytes:
+        """Pack `message` with our identity and the next sequence number."""
+        data = bytes(message.pack(self._mav))
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return data
+
+    def decode(self, data: bytes, peer: Hashable = None) -> list[Any]:
+        """All complete messages of known type after `data` arrived from `peer`; never raises on any bytes.
+
+        A frame may be split over several calls with the same peer. Corrupt and unknown frames are counted
+        in `counters` and left out.
+        """
+        tail = self._tails.pop(peer, b"")
+        if tail and self._opens_with_a_frame(data):
+            # The rest of the broken frame will not come: this datagram begins anew.
+            self.counters.skipped_bytes += len(tail)
+            tail = b""
+        messages, rest = self._parse(tail + bytes(data))
+        if rest:
+            self._tails[peer] = rest
+            if len(self._tails) > _MAXIMUM_PEERS:
+                self._tails.popitem(last=False)
+        return messages
+
+    def _parse(self, buffer: bytes) -> tuple[list[Any], bytes]:
+        messages: list[Any] = []
+        position = 0
+        while (marker := _MARKER.search(buffer, position)) is not None:
+            self.counters.skipped_bytes += marker.start() - position
+            position = marker.start()
+            length = _frame_length(buffer, position)
+            if length is None or position + length > len(buffer):
+                return messages, buffer[position:]
+            message = self._message(buffer[position : position + length])
+            if message is None or (_is_unknown(message) and not _ends_cleanly(buffer, position + length)):
+                self.counters.bad_frames += 1
+                position += 1
+                continue
+            position += length
+            if _is_unknown(message):
+                self.counters.unknown_messages += 1
+            else:
+                self.counters.messages += 1
+                messages.append(message)
+        self.counters.skipped_bytes += len(buffer) - position
+        return messages, b""
+
+    def _message(self, frame: bytes) -> Any | None:
+        if frame[0] == mavlink.PROTOCOL_MARKER_V2 and frame[2] & ~_SIGNED:
+            return None
+        try:
+            return self._mav.decode(bytearray(frame))
+        except mavlink.MAVError:
+            return None
+
+    def _opens_with_a_frame(self, data: bytes) -> bool:
+        if not data or data[0] not in (mavlink.PROTOCOL_MARKER_V1, mavlink.PROTOCOL_MARKER_V2):
+            return False
+        length = _frame_length(data, 0)
+        if length is None or length > len(data):
+            return False
+        message = self._message(bytes(data[:length]))
+        return message is not None and not _is_unknown(message)
+
+
+def _frame_length(buffer: bytes, start: int) -> int | None:
+    """Length in bytes of the frame at `start`, None as long as its header is incomplete."""
+    if len(buffer) - start < 3:
+        return None
+    payload = buffer[start + 1]
+    if buffer[start] == mavlink.PROTOCOL_MARKER_V1:
+        return payload + _V1_OVERHEAD
+    return payload + _V2_OVERHEAD + (_SIGNATURE if buffer[start + 2] & _SIGNED else 0)
+
+
+def _ends_cleanly(buffer: bytes, end: int) -> bool:
+    """Whether a frame may end here. We can't test an unknown message's checksum; its neighbour tells."""
+    return end == len(buffer) or _MARKER.match(buffer, end) is not None
+
+
+def _is_unknown(message: Any) -> bool:
+    return isinstance(message, mavlink.MAVLink_unknown)
