@@ -20,7 +20,8 @@ from autonomy.learning.kernel import (
 
 # Columns of the kernel handled at once: 2 MB stay in the cache, which is worth more than longer GEMMs.
 _CHUNK_BYTES = 2_000_000
-# Eigen-directions of I − S below this carry nothing: variances change by less than 1e-12 of the signal variance each.
+# Eigen-directions of I − S below this carry nothing: variances change by less than 1e-12 of the signal
+# variance each.
 _RANK_TOLERANCE = 1e-12
 
 
@@ -36,8 +37,9 @@ class Prediction:
 class FieldModel:
     """A posterior in whitened form: f_B = prior_mean + L v, v ~ N(μ, S), L Lᵀ = K_BB + jitter·σf²·I.
 
-    `basis` (m, d) metres, `factor` L (m, m) lower triangular, `whitened_mean` μ (m,), `whitened_covariance` S (m, m).
-    Between basis vectors the field follows the prior's conditional p(f | f_B). m = 0 is the prior itself.
+    `basis` (m, d) metres, `factor` L (m, m) lower triangular, `whitened_mean` μ (m,), `whitened_covariance`
+    S (m, m). Between basis vectors the field follows the prior's conditional p(f | f_B). m = 0 is the prior
+    itself.
     """
 
     hyperparameters: Hyperparameters
@@ -108,7 +110,7 @@ class FieldModel:
         return np.ascontiguousarray(reduction)
 
     def predict(self, points: ArrayLike) -> Prediction:
-        """Mean and variance of the field at `points` (N, d), each (N,). ValueError for a wrong shape or NaN."""
+        """Mean and variance of the field at `points` (N, d), each (N,). ValueError for bad shapes or NaN."""
         points = as_points(points, self.hyperparameters.dimensions)
         mean = np.full(len(points), self.prior_mean)
         variance = np.full(len(points), self.hyperparameters.signal_variance)
@@ -121,7 +123,7 @@ class FieldModel:
         return Prediction(mean, variance)
 
     def predict_grid(self, x_axis: ArrayLike, y_axis: ArrayLike) -> Prediction:
-        """Mean and variance on the grid x_axis × y_axis (east, north; metres): shape (len(y_axis), len(x_axis)).
+        """Mean and variance on a grid of metres east and north: shape (len(y_axis), len(x_axis)).
 
         Two axes only. The kernel separates on a grid, so this costs no exponential per cell.
         """

@@ -1,10 +1,12 @@
 """The bounded memory that lets the model be rebuilt under new hyperparameters: space-time cell sums.
 
-A cell knows Σx, Σy, n and Σt of its readings and no hyperparameter. Its mean is absorbed as one observation with noise σn²/n.
+A cell knows Σx, Σy, n and Σt of its readings and no hyperparameter. Its mean is absorbed as one observation
+with noise σn²/n.
 """
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -20,7 +22,7 @@ _Key = tuple[int, ...]
 
 @dataclass(frozen=True)
 class HistoryCells:
-    """Cell averages: `points` (n, d) m, `means` (n,) sensor units, `counts` (n,), `times_s` (n,) model time, ascending."""
+    """Averages, oldest first: `points` (n, d) m, `means` (n,) sensor units, `counts` and `times_s` (n,)."""
 
     points: FloatArray
     means: FloatArray
@@ -36,11 +38,11 @@ class HistoryCells:
 
 
 class History:
-    """Sums of all readings in cells span/30 wide and 50 samples long, at most `maximum_cells` of them. Picklable.
+    """Sums of all readings in cells span/30 wide and 50 samples long, at most `maximum_cells`. Picklable.
 
-    When it is full, neighbouring time slices of one place are merged, the oldest (relative to the time between them) first:
-    a field that does not move loses nothing, and on one that does the remaining ages stay log-spaced. Only
-    when every place has a single slice left are the cells made twice as wide.
+    When it is full, neighbouring time slices of one place are merged, the oldest (relative to the time
+    between them) first: a field that does not move loses nothing, and on one that does the remaining ages
+    stay log-spaced. Only when every place has a single slice left are the cells made twice as wide.
     """
 
     def __init__(self, span_m: float, maximum_cells: int = 2000, dimensions: int = 2) -> None:
@@ -59,7 +61,7 @@ class History:
         return len(self._cells)
 
     def add(self, x: ArrayLike, value: float, time_s: float) -> None:
-        """Count one reading at `x` (d,) metres, model time `time_s`. ValueError, and no change, for anything not finite."""
+        """Count a reading at `x` (d,) metres and model time `time_s`; ValueError if they are not finite."""
         point = np.asarray(x, dtype=np.float64)
         if point.shape != (self.dimensions,):
             raise ValueError(f"x must have shape ({self.dimensions},), not {point.shape}")
@@ -102,7 +104,7 @@ class History:
         """Merge up to `wanted` disjoint pairs of neighbouring slices; False if no place has two."""
         keys = sorted(self._cells)
         ranked = []
-        for first, second in zip(keys, keys[1:], strict=False):
+        for first, second in pairwise(keys):
             if first[:-1] == second[:-1]:
                 early, late = self._time(first), self._time(second)
                 gap, age = abs(late - early), max(now_s - min(early, late), 0.0)

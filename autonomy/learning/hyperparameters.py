@@ -1,7 +1,8 @@
-"""How well hyperparameters explain the readings, and the fit that finds good ones. Slow: for the worker process.
+"""How well hyperparameters explain the readings, and the fit that finds good ones. Slow: for the worker.
 
-Both objectives come with analytic gradients with respect to *logarithms*, in the order signal variance, length-scales,
-noise variance. (Gradient ascent on the raw parameters fails nearly always.) `timescale_s` takes no part.
+Both objectives come with analytic gradients with respect to *logarithms*, in the order signal variance,
+length-scales, noise variance. (Gradient ascent on the raw parameters fails nearly always.) `timescale_s`
+takes no part.
 """
 
 import math
@@ -28,9 +29,9 @@ _LONGEST_STEP = 1.0
 def loo_log_likelihood(
     x: ArrayLike, y: ArrayLike, h: Hyperparameters, noise_scale: ArrayLike | None = None
 ) -> tuple[float, FloatArray]:
-    """Leave-one-out log predictive probability of `y` (n,) at `x` (n, d), zero prior mean, and its gradient (2 + d,).
+    """Leave-one-out log predictive probability of `y` (n,) at `x` (n, d), and its gradient (2 + d,).
 
-    Sundararajan & Keerthi 2001; Rasmussen & Williams 2006, eqs. 5.10–5.13. Reading i has the noise variance
+    Sundararajan & Keerthi 2001; Rasmussen & Williams 2006, eqs. 5.10–5.13. The prior mean is zero. Reading i has the noise variance
     σn²·noise_scale[i]; for a mean of n_i readings that scale is 1/n_i.
     Raises ValueError for bad input, numpy.linalg.LinAlgError if the covariance is singular to rounding.
     """
@@ -83,7 +84,7 @@ class Priors:
 
 @dataclass(frozen=True)
 class Fit:
-    """What a fit found. If there could be none, `kept_start` is true, `hyperparameters` is the start, `message` says why."""
+    """What a fit found. If there could be none, `kept_start` is true and `message` says why."""
 
     hyperparameters: Hyperparameters
     prior_mean: float
@@ -107,13 +108,14 @@ def fit(
     noise_scale: ArrayLike | None = None,
     mean: Literal["gls"] | float = "gls",
 ) -> Fit:
-    """Hyperparameters that explain `y` (n,) at `x` (n, d), starting from `start` (or the priors' medians if better).
+    """Hyperparameters that explain `y` (n,) at `x` (n, d), from `start` (or the priors' medians if better).
 
-    `mean="gls"` treats the prior mean as unknown: it is profiled out of the objective (exactly, so the gradient stays
-    exact) and returned as the generalised-least-squares estimate, held within the readings' range; a number fixes it.
-    `isotropic` ties the length-scales. `gradient_ascent` works on logarithms: a step that lowers the
-    objective or leaves the bounds of sense is taken back and the learning rate halved, so it cannot diverge.
-    Never returns NaN and never raises for degenerate readings: see `Fit`. ValueError for bad input.
+    `mean="gls"` treats the prior mean as unknown: it is profiled out of the objective (exactly, so the
+    gradient stays exact) and returned as the generalised-least-squares estimate, held within the readings'
+    range; a number fixes it. `isotropic` ties the length-scales. `gradient_ascent` works on logarithms: a step that lowers
+    the objective or leaves the bounds of sense is taken back and the learning rate halved, so it cannot
+    diverge. Never returns NaN and never raises for degenerate readings: see `Fit`. ValueError for bad
+    input.
     """
     if objective not in ("loo", "marginal"):
         raise ValueError(f"objective must be 'loo' or 'marginal', not {objective!r}")
@@ -256,7 +258,7 @@ class _Problem:
 
 
 class _Target:
-    """What the optimiser climbs: the objective plus the log prior, as a function of the (tied) log parameters."""
+    """What the optimiser climbs: objective plus log prior, as a function of the (tied) log parameters."""
 
     def __init__(
         self, problem: _Problem, objective: Objective, priors: Priors | None, isotropic: bool
@@ -292,7 +294,8 @@ class _Target:
         if self._tie:
             scales = scales.mean(keepdims=True)
         theta = np.concatenate([[math.log(h.signal_variance)], scales, [math.log(h.noise_variance)]])
-        return np.clip(theta, self.bounds[:, 0], self.bounds[:, 1])
+        packed: FloatArray = np.clip(theta, self.bounds[:, 0], self.bounds[:, 1])
+        return packed
 
     def unpack(self, theta: FloatArray) -> Hyperparameters:
         values = np.exp(theta).tolist()
@@ -328,7 +331,8 @@ def _lbfgs(target: _Target, theta: FloatArray, iterations: int) -> tuple[FloatAr
         value, gradient = target(point)
         if value > best_value:
             best_value, best = value, point.copy()
-        # L-BFGS cannot digest infinities: a wall that is higher than anything seen makes its line search step back.
+        # L-BFGS cannot digest infinities: a wall that is higher than anything seen makes its line search
+        # step back.
         return (1e100, gradient) if value == -math.inf else (-value, -gradient)
 
     result = minimize(

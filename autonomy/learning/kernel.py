@@ -29,8 +29,9 @@ def _positive(name: str, value: float) -> float:
 class Hyperparameters:
     """The kernel's parameters: variances in squared sensor units, length-scales in metres, one per axis.
 
-    `timescale_s` is the decay time of the field's memory (Ornstein–Uhlenbeck); infinity means a still field.
-    Raises ValueError for anything that is not positive, and for infinities anywhere but in `timescale_s`.
+    `timescale_s` is the decay time of the field's memory (Ornstein–Uhlenbeck); infinity means a still
+    field. Raises ValueError for anything that is not positive, and for infinities anywhere but in
+    `timescale_s`.
     """
 
     signal_variance: float
@@ -93,7 +94,8 @@ def covariance(a: FloatArray, b: FloatArray, h: Hyperparameters) -> FloatArray:
     """Noise-free covariance of the field between `a` (n, d) and `b` (k, d): shape (n, k)."""
     exponent = np.zeros((len(a), len(b)))
     for axis, lengthscale in enumerate(h.lengthscales_m):
-        # Differences first: |a|² + |b|² − 2ab would cancel at coordinates of 1e5 m and length-scales of 10 m.
+        # Differences first: |a|² + |b|² − 2ab would cancel at coordinates of 1e5 m and length-scales of
+        # 10 m.
         difference = np.subtract.outer(a[:, axis] / lengthscale, b[:, axis] / lengthscale)
         np.multiply(difference, difference, out=difference)
         exponent += difference
@@ -106,7 +108,8 @@ def covariance(a: FloatArray, b: FloatArray, h: Hyperparameters) -> FloatArray:
 def axis_factor(centres: FloatArray, axis: FloatArray, lengthscale_m: float) -> FloatArray:
     """The kernel's factor along one axis, shape (len(centres), len(axis)), without the signal variance.
 
-    On a grid the kernel is the product of such factors, so a map needs exponentials along its two edges only.
+    On a grid the kernel is the product of such factors, so a map needs exponentials along its two edges
+    only.
     """
     difference = np.subtract.outer(centres / lengthscale_m, axis / lengthscale_m)
     factor: FloatArray = np.exp(-0.5 * difference * difference)

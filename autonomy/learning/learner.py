@@ -1,4 +1,4 @@
-"""What the core owns: centring, the online model, the history; and the re-estimate that a worker makes of them."""
+"""What the core owns: centring, the online model, the history; and the re-estimate a worker makes of them."""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,11 +14,14 @@ from autonomy.learning.kernel import FloatArray, Hyperparameters
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update, select_basis
 
 _DIMENSIONS = 2
+# On arrival novelty measures extrapolation, in a rebuild interpolation: the same threshold would leave a
+# third of the capacity unused, and the error between and beyond the tracks would be a fifth larger.
+_REBUILD_NOVELTY = 1e-2
 
 
 @dataclass(frozen=True)
 class ReestimateRequest:
-    """All that `reestimate` needs, small and picklable. `samples` names the request: the readings learnt by then."""
+    """All that `reestimate` needs, picklable. `samples` names the request: the readings learnt by then."""
 
     cells: HistoryCells
     basis: FloatArray
@@ -38,7 +41,7 @@ class ReestimateRequest:
 
 @dataclass(frozen=True)
 class Reestimate:
-    """New hyperparameters and the model rebuilt under them. `fit` tells how it went; `samples` whose request it was."""
+    """New hyperparameters, the model rebuilt under them, how the `fit` went; `samples` names the request."""
 
     hyperparameters: Hyperparameters
     prior_mean: float
@@ -53,8 +56,9 @@ class Reestimate:
 class Learner:
     """Learns the field from a stream of readings in local metres and model time. Picklable.
 
-    The first `centring_samples` readings only tell offset and scale; then the model is born and absorbs them all. With 0 it is
-    born at once with prior mean 0, and `hyperparameters` are required. `capacity`, `novelty`, `jitter`: see `SparseOnlineGP`.
+    The first `centring_samples` readings only tell offset and scale; then the model is born and absorbs
+    them all. With 0 it is born at once with prior mean 0, and `hyperparameters` are required. `capacity`,
+    `novelty`, `jitter`: see `SparseOnlineGP`.
     """
 
     def __init__(
@@ -93,9 +97,8 @@ class Learner:
         self._gp: SparseOnlineGP | None = None
         if centring_samples == 0 and hyperparameters is not None:
             self._gp = self._new_gp(hyperparameters, 0.0)
-        elif hyperparameters is not None:
-            self._new_gp(hyperparameters, 0.0)  # so that a bad capacity, novelty or jitter is told now
         else:
+            # So that a bad capacity, novelty or jitter is told now.
             self._new_gp(self._prior.hyperparameters, 0.0)
 
     @property
@@ -107,9 +110,8 @@ class Learner:
     def gp(self) -> SparseOnlineGP:
         """The online model. Raises RuntimeError before it is born."""
         if self._gp is None:
-            raise RuntimeError(
-                f"the model is not born yet: {len(self._collected)} of {self._centring_samples} readings are in"
-            )
+            known = f"{len(self._collected)} of {self._centring_samples}"
+            raise RuntimeError(f"the model is not born yet: {known} readings are in")
         return self._gp
 
     @property
@@ -138,9 +140,10 @@ class Learner:
         self._replacements_at_mark = 0 if self._gp is None else self._gp.replacements
 
     def add(self, point: ArrayLike, value: float, time_s: float) -> Update | None:
-        """Learn `value` at `point` (2,) metres at model time `time_s`; None while offset and scale are unknown.
+        """Learn `value` at `point` (2,) metres, model time `time_s`; None while offset and scale are unknown.
 
-        ValueError, and no change, for anything not finite. A reading from before the last one counts as simultaneous.
+        ValueError, and no change, for anything not finite. A reading from before the last one counts as
+        simultaneous.
         """
         x = np.array(point, dtype=np.float64)
         self.history.add(x, value, time_s)
@@ -192,10 +195,14 @@ class Learner:
 
         Raises ValueError if `result` does not answer the last request.
         """
-        if self._since_request is None or result.samples != self._requested_at:
+        if self._since_request is None:
             raise ValueError(
-                f"this re-estimate answers the request at {result.samples} samples, "
-                f"but the open one is {'none' if self._since_request is None else f'at {self._requested_at}'}"
+                f"no request is open, so the re-estimate at {result.samples} samples answers none"
+            )
+        if result.samples != self._requested_at:
+            raise ValueError(
+                f"the re-estimate at {result.samples} samples does not answer "
+                f"the open request, made at {self._requested_at}"
             )
         late = self._since_request
         self.withdraw_request()
@@ -222,7 +229,7 @@ class Learner:
 
 
 def reestimate(request: ReestimateRequest) -> Reestimate:
-    """Fit the hyperparameters and rebuild the model under them from the history. Pure and slow: for the worker."""
+    """Fit the hyperparameters, rebuild the model under them from the history. Pure, slow: for the worker."""
     found = _fit(request)
     if found.kept_start:
         found = replace(found, prior_mean=request.prior_mean)
@@ -270,10 +277,11 @@ def _fit(request: ReestimateRequest) -> Fit:
 
 
 def _rebuild(request: ReestimateRequest, h: Hyperparameters, prior_mean: float) -> SparseOnlineGP:
-    """A new basis under the new kernel, by pivoted Cholesky over the cells, and the whole history absorbed."""
+    """A new basis under the new kernel, by pivoted Cholesky over the cells; the whole history absorbed."""
     gp = SparseOnlineGP(h, request.capacity, request.novelty, request.jitter, prior_mean)
     cells = request.cells
-    chosen = np.array(select_basis(cells.points, h, request.capacity, request.novelty), dtype=np.intp)
+    novelty = request.novelty * _REBUILD_NOVELTY
+    chosen = np.array(select_basis(cells.points, h, request.capacity, novelty), dtype=np.intp)
     gp.start_basis(cells.points[chosen], cells.means[chosen])
     noise = h.noise_variance / cells.counts
     if h.timescale_s == math.inf:

@@ -4,12 +4,15 @@ CBOR with typed arrays (RFC 8746, little-endian), compressed with zstd, which al
 
     {"schema": "halocline/field-model", "version": 1,
      "signal_variance", "noise_variance", "lengthscales_m", "timescale_s", "prior_mean", "jitter": numbers,
-     "basis": float64 (m·d), row by row,   "mean": float32 (m),   "gain": float32, lower triangle of I − S, row by row,
+     "basis": float64 (m·d), row by row,
+     "mean": float32 (m),
+     "gain": float32 (m(m + 1)/2), the lower triangle of I − S, row by row,
      "metadata": {name: text, number or truth value}}
 
-The state travels whitened by the Cholesky factor that both ends compute from the basis: its entries are bounded by one, so
-float32 costs a millionth of σf. (alpha and C are sums of huge, cancelling numbers; they would not survive
-it.) The basis travels exactly, because the factor depends on it far more sharply than the map does.
+The state travels whitened by the Cholesky factor that both ends compute from the basis: its entries are
+bounded by one, so float32 costs a millionth of σf. (alpha and C are sums of huge, cancelling numbers; they
+would not survive it.) The basis travels exactly, because the factor depends on it far more sharply than the
+map does.
 """
 
 import math
@@ -34,7 +37,7 @@ MAXIMUM_BASIS = 2000
 _MAXIMUM_DIMENSIONS = 8
 
 _FLOAT32_LE, _FLOAT64_LE = 85, 86
-_DTYPES = {_FLOAT32_LE: np.dtype("<f4"), _FLOAT64_LE: np.dtype("<f8")}
+_DTYPES: dict[int, np.dtype[Any]] = {_FLOAT32_LE: np.dtype("<f4"), _FLOAT64_LE: np.dtype("<f8")}
 _NUMBERS = ("signal_variance", "noise_variance", "timescale_s", "prior_mean", "jitter")
 
 Scalar = str | int | float | bool
@@ -53,7 +56,7 @@ class Snapshot:
 
 
 def encode(model: FieldModel, metadata: Mapping[str, Scalar] | None = None) -> bytes:
-    """The model as bytes: about 20 kB for a hundred basis vectors. `metadata`: short text, numbers, truth values."""
+    """The model as bytes: about 20 kB for a hundred basis vectors; `metadata` goes with it."""
     notes = dict(metadata or {})
     for name, value in notes.items():
         if not isinstance(name, str) or not isinstance(value, str | int | float | bool):
@@ -192,7 +195,7 @@ def _array(document: dict[str, Any], name: str, tag: int, length: int | None = N
     if rest or (length is not None and count != length):
         wanted = "whole numbers" if length is None else f"{length} numbers"
         raise SnapshotError(f"{name}: {len(value.value)} bytes are not {wanted} of {dtype.itemsize} bytes")
-    array = np.frombuffer(value.value, dtype=dtype).astype(np.float64)
+    array: FloatArray = np.frombuffer(value.value, dtype=dtype).astype(np.float64)
     if not np.isfinite(array).all():
         raise SnapshotError(f"{name}[{int(np.argmin(np.isfinite(array)))}]: not finite")
     return array

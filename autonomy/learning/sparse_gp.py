@@ -1,12 +1,14 @@
-"""Sparse Online Gaussian Process in whitened form: bounded memory, O(m²) a reading, stable on a ship's track.
+"""Sparse Online Gaussian Process in whitened form: bounded memory, O(m²) a reading, stable on any track.
 
-The recursions of Csató & Opper (2002) on alpha, C, Q blow up when samples lie a metre apart under length-scales of
-hundreds. Here the state is v in f_B = prior_mean + L v, v ~ N(μ, S), L Lᵀ = K_BB + jitter·σf²·I: the prior of v is
-standard normal, S stays between 0 and I, and every step below is a rank-one downdate or a rotation.
+The recursions of Csató & Opper (2002) on alpha, C, Q blow up when samples lie a metre apart under
+length-scales of hundreds. Here the state is v in f_B = prior_mean + L v, v ~ N(μ, S), L Lᵀ = K_BB +
+jitter·σf²·I: the prior of v is standard normal, S stays between 0 and I, and every step below is a rank-one
+downdate or a rotation.
 
-With a = L⁻¹k(B, x) and γ = k(x, x) − aᵀa a reading y of the field at x obeys, given v, y ~ N(prior_mean + aᵀv, γ + σn²).
-Conditioning v on that is the *reduced* update (ŝ = Ck + ê in the paper's letters). It equals adding x to
-the basis, updating, and deleting it again: the FITC family, in which the stream on a frozen basis is batch FITC.
+With a = L⁻¹k(B, x) and γ = k(x, x) − aᵀa a reading y of the field at x obeys, given v, y ~ N(prior_mean +
+aᵀv, γ + σn²). Conditioning v on that is the *reduced* update (ŝ = Ck + ê in the paper's letters). It equals
+adding x to the basis, updating, and deleting it again: the FITC family, in which the stream on a frozen
+basis is batch FITC.
 """
 
 import math
@@ -24,7 +26,7 @@ from autonomy.learning.kernel import FloatArray, Hyperparameters, as_points, as_
 
 
 class Update(Enum):
-    """What became of a reading's place: in the basis, in the basis instead of another, or only projected on it."""
+    """What became of a reading's place: in the basis, there instead of another, or only projected on it."""
 
     ADDED = "added"
     REPLACED = "replaced"
@@ -34,8 +36,9 @@ class Update(Enum):
 class SparseOnlineGP:
     """Sparse Online Gaussian Process with at most `capacity` basis vectors.
 
-    `novelty` and `jitter` are relative to the signal variance: a reading is novel if the basis leaves more than
-    novelty·σf² of its place's variance unexplained. Picklable. Bad input raises ValueError and changes nothing.
+    `novelty` and `jitter` are relative to the signal variance: a reading is novel if the basis leaves more
+    than novelty·σf² of its place's variance unexplained. Picklable. Bad input raises ValueError and changes
+    nothing.
     """
 
     def __init__(
@@ -134,12 +137,13 @@ class SparseOnlineGP:
         self.delete(worst)
         self.replacements += 1
         if self.replacements % self.capacity == 0:
-            # Against the slow drift of a running difference; once in m replacements this is still O(m²) each.
+            # Against the slow drift of a running difference; once in m replacements this is still O(m²)
+            # each.
             self._q_diagonal = np.square(self._inverse_factor()).sum(axis=0)
         return Update.REPLACED
 
     def project(self, x: ArrayLike, y: float, noise_variance: float | None = None) -> None:
-        """Learn a reading by a reduced update, however novel its place is: the basis stays. As `update` otherwise."""
+        """Learn a reading by a reduced update, however novel its place is: the basis stays."""
         _, p, r, s, _ = self._innovation(*self._checked(x, y, noise_variance))
         self.updates += 1
         self._condition(p, r, s)
@@ -147,8 +151,9 @@ class SparseOnlineGP:
     def delete(self, index: int) -> None:
         """Drop one basis vector; the marginal of the others stays what it is. O(m²), by Givens rotations.
 
-        Without row i, L is lower Hessenberg from there on. Rotations G of v's coordinates make it triangular again, and
-        no remaining basis vector depends on the last coordinate any more, which is marginalised out.
+        Without row i, L is lower Hessenberg from there on. Rotations G of v's coordinates make it
+        triangular again, and no remaining basis vector depends on the last coordinate any more, which is
+        marginalised out.
         """
         m = len(self)
         if not 0 <= index < m:
@@ -163,7 +168,8 @@ class SparseOnlineGP:
         if m == 1:
             self._L, self._mu, self._S = np.zeros((0, 0), order="F"), np.zeros(0), np.zeros((0, 0), order="F")
             return
-        # qr_delete drops a column of R = Lᵀ and applies the rotations to the columns of whatever stands for Q.
+        # qr_delete drops a column of R = Lᵀ and applies the rotations to the columns of whatever stands
+        # for Q.
         state = np.empty((m + 1, m), order="F")
         state[:m] = self._S
         state[m] = self._mu
@@ -176,7 +182,7 @@ class SparseOnlineGP:
         self._L = np.asfortranarray(upper.T)
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds of model time pass: the Ornstein–Uhlenbeck field forgets, exp(−dt/τ) of it remains.
+        """Let `dt_s` seconds of model time pass: the field forgets, exp(−dt/τ) of it remains.
 
         Exact for the kernel k(x, x')·exp(−|t − t'|/τ). Raises ValueError for negative or non-finite times.
         """
@@ -217,7 +223,7 @@ class SparseOnlineGP:
         self.updates += len(points)
 
     def start_basis(self, points: ArrayLike, readings: ArrayLike) -> None:
-        """Give an empty model its basis at once: `points` (m, d) with their `readings` (m,), not yet learnt."""
+        """Give an empty model its basis: `points` (m, d) with their `readings` (m,), which are not learnt."""
         if len(self):
             raise ValueError(f"the model already has {len(self)} basis vectors")
         points = as_points(points, self.hyperparameters.dimensions)
@@ -238,7 +244,7 @@ class SparseOnlineGP:
         return self.model().predict(points)
 
     def predict_grid(self, x_axis: ArrayLike, y_axis: ArrayLike) -> Prediction:
-        """Mean and variance of the latent field on a grid: shape (len(y_axis), len(x_axis)), x east, y north."""
+        """Mean and variance of the latent field on a grid: (len(y_axis), len(x_axis)), x east, y north."""
         return self.model().predict_grid(x_axis, y_axis)
 
     def covariance(self, points: ArrayLike) -> FloatArray:
@@ -276,11 +282,11 @@ class SparseOnlineGP:
     def _innovation(
         self, point: FloatArray, value: float, noise: float
     ) -> tuple[FloatArray, FloatArray, float, float, float]:
-        """a = L⁻¹k(B, x); p = S a; the innovation r and its variance s; γ, what the basis leaves unexplained."""
+        """a = L⁻¹k(B, x); p = S a; the innovation r, its variance s; γ, what the basis leaves unexplained."""
         signal = self.hyperparameters.signal_variance
         a = self._whiten(point)
-        # The jitter is part of a basis vector's prior variance: with it here too, a reduced update is exactly
-        # what adding and deleting would have been.
+        # The jitter is part of a basis vector's prior variance: with it here too, a reduced update is
+        # exactly what adding and deleting would have been.
         gamma = max(signal - float(a @ a), 0.0) + self.jitter * signal
         p = self._spread(a)
         r = value - self.prior_mean - float(a @ self._mu)
@@ -325,7 +331,7 @@ class SparseOnlineGP:
         return result
 
     def _condition(self, p: FloatArray, r: float, s: float) -> None:
-        """Condition v on a reading with innovation r of variance s, where p is the covariance of v with it."""
+        """Condition v on a reading with innovation r of variance s; p is the covariance of v with it."""
         self._mu += p * (r / s)
         w = p * (1.0 / math.sqrt(s))
         # The same vector twice keeps S symmetric to the last bit.
@@ -368,7 +374,7 @@ def prior_factor(basis: FloatArray, h: Hyperparameters, jitter: float) -> FloatA
 
 
 def select_basis(points: FloatArray, h: Hyperparameters, capacity: int, novelty: float) -> Sequence[int]:
-    """Indices of at most `capacity` of `points` (N, d) by pivoted Cholesky: each the worst explained by those before.
+    """Indices of at most `capacity` of `points` (N, d) by pivoted Cholesky, the worst explained first.
 
     Stops when no point has more than novelty·σf² of its variance left.
     """
@@ -395,6 +401,6 @@ def _root(S: FloatArray) -> FloatArray:
 
 
 def _rotate(state: FloatArray, L: FloatArray, index: int) -> tuple[FloatArray, FloatArray]:
-    """Apply to the columns of `state` (m + 1, m) the rotations that re-triangularise L without row `index`."""
+    """Apply to the columns of `state` the rotations that re-triangularise L without row `index`."""
     rotated, upper = qr_delete(state, L.T, index, which="col", overwrite_qr=False, check_finite=False)
     return rotated, upper
