@@ -43,7 +43,7 @@ class MissionDownload:
         FAILED     -                    -                     -                 -
 
     [a] n = 0: DONE. [b] After six requests without an answer: FAILED. [c] After 4 s of silence: LISTING;
-    after twelve attempts: FAILED. Other errors may be late echoes of an upload: the timer deals with true ones.
+    after twelve attempts: FAILED. Other errors may be late echoes of an upload; true ones are the timer's.
     """
 
     def __init__(self, route: Route, *, autopilot: int, time_scale: float = 1.0) -> None:

@@ -130,7 +130,7 @@ def waypoint(
 
 def has_home_item(autopilot: int) -> bool:
     """Whether item 0 of this autopilot's missions is home (ArduPilot) or the first waypoint (PX4, others)."""
-    return autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+    return autopilot == int(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
 
 
 def with_home(items: Sequence[MissionItem], autopilot: int) -> tuple[MissionItem, ...]:
@@ -151,7 +151,7 @@ def missions_equal(sent: Sequence[MissionItem], on_board: Sequence[MissionItem])
 
 
 def _items_equal(sent: MissionItem, on_board: MissionItem) -> bool:
-    return (
+    return bool(
         (sent.x, sent.y, sent.command) == (on_board.x, on_board.y, on_board.command)
         and _plain_frame(sent.frame) == _plain_frame(on_board.frame)
         and abs(sent.z - on_board.z) <= _ALTITUDE_TOLERANCE_M

@@ -54,17 +54,18 @@ class MissionUpload:
     gets a MISSION_ITEM_INT too): a lost or doubled packet looks just like that. Our own timer only fills in
     for packets lost on our side.
 
-        state      request    accepted (0)  busy (14)  error (1)  cancelled (15)  refused   timer
-        IDLE       -          -             -          -          -               -         -
-        ANNOUNCED  SERVING    -             BUSY       BUSY       -               FAILED    COUNT again [a]
-        SERVING    SERVING    SENT [b]      BUSY       BUSY       ANNOUNCED       FAILED    item again [c]
-        BUSY       SERVING    -             -          -          -               FAILED    ANNOUNCED [d]
-        SENT       SENT       -             -          -          -               -         -
-        FAILED     -          -             -          -          -               -         -
+        state      request  accepted (0)  busy (14)  error (1)       cancelled (15)  refused  timer
+        IDLE       -        -             -          -               -               -        -
+        ANNOUNCED  SERVING  -             BUSY       BUSY            -               FAILED   COUNT again [a]
+        SERVING    SERVING  SENT [b]      -          BUSY, SENT [b]  ANNOUNCED       FAILED   item again [c]
+        BUSY       SERVING  -             -          -               -               FAILED   ANNOUNCED [d]
+        SENT       SENT     -             -          -               -               -        -
+        FAILED     -        -             -          -               -               -        -
 
     Every request is answered with its item, in SENT too: the vehicle may have missed what we take as sent.
     [a] After six counts without an answer: FAILED.
-    [b] Only once the last item was asked for: an earlier ACK 0 belongs to someone else.
+    [b] Only once the last item was asked for: an earlier ACK 0 belongs to someone else. An error then
+        means that the vehicle doesn't wait for items any more.
     [c] The item last asked for. After 4 s without a request: SENT if the mission's last item was asked for
         (the final ACK got lost), otherwise ANNOUNCED.
     [d] After twelve attempts: FAILED.
@@ -165,6 +166,10 @@ class MissionUpload:
             return self._finish() if self._asked_for_last and self._repeats else []
         if result == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             return self._again(now) if self.state is Upload.SERVING else []
+        if result == mavlink.MAV_MISSION_ERROR and self._asked_for_last:
+            return self._finish()
+        if result == mavlink.MAV_MISSION_DENIED and self.state is Upload.SERVING:
+            return []  # it asks us for items, so this answered something older
         if result in (mavlink.MAV_MISSION_DENIED, mavlink.MAV_MISSION_ERROR):
             return self._back_off(now, result)
         self.touched = self._requested

@@ -1,0 +1,124 @@
+"""Missions over links that lose, double and reorder, against the simulated autopilot, in simulated time."""
+
+import heapq
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from autonomy.mavlink.codec import Codec
+from autonomy.mavlink.mission import MissionTransfer, Route, Verified, missions_equal, waypoint
+from sim.autopilot.machine import Autopilot, Options
+from sim.vessel import Position, Vessel
+
+TICK_S = 0.02
+ROUTE = Route(own_system=1, own_component=191, vehicle_system=1, vehicle_component=1)
+
+
+class BadLink:
+    """Delivers packets late, twice or not at all; late ones overtake each other."""
+
+    def __init__(self, rng: np.random.Generator, loss: float, doubled: float, delay_s: float) -> None:
+        self.rng, self.loss, self.doubled, self.delay_s = rng, loss, doubled, delay_s
+        self.queue: list[tuple[float, int, bytes]] = []
+        self.sent = 0
+
+    def send(self, now: float, data: bytes) -> None:
+        for _ in range(2 if self.rng.random() < self.doubled else 1):
+            if self.rng.random() >= self.loss:
+                self.sent += 1
+                heapq.heappush(self.queue, (now + self.delay_s * self.rng.random(), self.sent, data))
+
+    def due(self, now: float) -> list[bytes]:
+        packets = []
+        while self.queue and self.queue[0][0] <= now:
+            packets.append(heapq.heappop(self.queue)[2])
+        return packets
+
+
+class Run:
+    """A transfer and an autopilot with a bad link between them, on a clock of their own."""
+
+    def __init__(self, transfer: MissionTransfer, autopilot: Autopilot, up: BadLink, down: BadLink) -> None:
+        self.transfer, self.autopilot, self.up, self.down = transfer, autopilot, up, down
+        self.ours, self.theirs = Codec(1, 191), Codec(1, 1)
+        self.now = 0.0
+
+    def _send(self, messages: list[Any]) -> None:
+        for message in messages:
+            self.up.send(self.now, self.ours.encode(message))
+
+    def _answer(self, outgoing: list[tuple[Any, Any]]) -> None:
+        for _, message in outgoing:
+            self.down.send(self.now, self.theirs.encode(message))
+
+    def finish(self) -> None:
+        self._send(self.transfer.start(self.now))
+        while self.transfer.outcome is None:
+            self.now += TICK_S
+            for packet in self.up.due(self.now):
+                for message in self.theirs.decode(packet):
+                    self._answer(self.autopilot.handle(self.now, message, "companion"))
+            self._answer(self.autopilot.advance(self.now, TICK_S))
+            for packet in self.down.due(self.now):
+                for message in self.ours.decode(packet):
+                    self._send(self.transfer.handle(self.now, message))
+            deadline = self.transfer.next_deadline()
+            if deadline is not None and deadline <= self.now:
+                self._send(self.transfer.on_deadline(self.now))
+
+
+def mission(rng: np.random.Generator, length: int) -> list[Any]:
+    places = rng.uniform(-0.05, 0.05, size=(length, 2))
+    return [waypoint(33.5 + lat, -118.5 + lon, acceptance_radius_m=5.0) for lat, lon in places]
+
+
+def upload(seed: int, length: int, loss: float, doubled: float, delay_s: float, **options: Any) -> Run:
+    rng = np.random.default_rng(seed)
+    autopilot = Autopilot(Vessel(Position(33.5, -118.5)), options=Options(**options))
+    items = mission(rng, length)
+    run = Run(
+        MissionTransfer(items, ROUTE),
+        autopilot,
+        BadLink(rng, loss, doubled, delay_s),
+        BadLink(rng, loss, doubled, delay_s),
+    )
+    run.finish()
+    return run
+
+
+def on_board(autopilot: Autopilot) -> list[tuple[int, int]]:
+    return [(item.x, item.y) for item in autopilot.store.items(0)[1:]]
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_thirty_items_over_a_link_that_loses_every_fifth_packet(seed: int) -> None:
+    run = upload(seed, length=30, loss=0.2, doubled=0.2, delay_s=0.2)
+    assert isinstance(run.transfer.outcome, Verified), run.transfer.outcome
+    assert run.now <= 60.0
+    assert on_board(run.autopilot) == [(item.x, item.y) for item in run.transfer.items]
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    length=st.integers(1, 20),
+    loss=st.floats(0, 0.5),
+    doubled=st.floats(0, 0.5),
+    delay_s=st.floats(0, 0.6),
+    request_int=st.booleans(),
+)
+def test_verified_means_on_board_whatever_the_link_does(
+    seed: int, length: int, loss: float, doubled: float, delay_s: float, request_int: bool
+) -> None:
+    run = upload(seed, length, loss, doubled, delay_s, request_int=request_int)
+    if isinstance(run.transfer.outcome, Verified):
+        assert missions_equal(run.transfer.items, run.transfer.outcome.mission)
+        assert on_board(run.autopilot) == [(item.x, item.y) for item in run.transfer.items]
+    else:
+        assert run.transfer.outcome is not None
+        assert run.transfer.outcome.on_board_unknown
+    assert run.transfer.next_deadline() is None
+    assert run.now <= 60.0 + 2 * TICK_S
