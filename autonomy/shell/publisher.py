@@ -1,0 +1,226 @@
+"""What goes ashore: a thread of its own owns the zenoh session, for a put on a dying link can block."""
+
+import json
+import logging
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import zenoh
+
+from autonomy import wire
+from autonomy.effects import Topic
+from autonomy.endpoints import session_settings
+
+log = logging.getLogger(__name__)
+
+LATEST_WINS = (Topic.MODEL, Topic.PLAN, Topic.HEALTH)
+QUEUED = (Topic.OBSERVATIONS, Topic.LOG)
+_LOOK_AROUND_S = 0.25
+_REOPEN_S = 5.0
+_PRIORITY = {
+    Topic.MODEL: zenoh.Priority.DATA_LOW,
+    Topic.OBSERVATIONS: zenoh.Priority.DATA_LOW,
+    Topic.PLAN: zenoh.Priority.DATA,
+    Topic.HEALTH: zenoh.Priority.DATA_HIGH,
+    Topic.LOG: zenoh.Priority.DATA,
+}
+
+
+@dataclass(frozen=True)
+class PublisherStatus:
+    """How the way ashore is.
+
+    Attributes:
+        enabled: whether any router was named to dial.
+        connected: routers and peers we have a transport to.
+        listened: whether anybody subscribes. Connected but never listened to may mean that the router's
+            access control refuses us: it does so silently.
+        published: messages handed to zenoh.
+        dropped: messages thrown away because a queue was full, by topic's name.
+        refused: values that couldn't be encoded.
+        error: why there is no session, None if there is one.
+    """
+
+    enabled: bool
+    connected: int = 0
+    listened: bool = False
+    published: int = 0
+    dropped: dict[str, int] = field(default_factory=dict)
+    refused: int = 0
+    error: str | None = None
+
+
+class Publisher:
+    """Publishes one vehicle's values; `publish` never waits for the network.
+
+    Models, plans and health have one slot each, where the newest wins, and are kept for whoever joins late
+    (answered to queries). Observations and log lines wait in bounded queues until somebody listens; the
+    oldest are dropped and counted.
+
+    Args:
+        vehicle: name in the keys.
+        connect: zenoh endpoints of the routers ashore. None named: nothing is opened, values are discarded.
+        queue_limit: length of the two queues.
+
+    Raises:
+        ValueError: an endpoint isn't one.
+    """
+
+    def __init__(self, vehicle: str, connect: Sequence[str], queue_limit: int = 5000) -> None:
+        if not wire.VEHICLE_NAME.fullmatch(vehicle):
+            raise ValueError(f"vehicle name must match {wire.VEHICLE_NAME.pattern} (got {vehicle!r})")
+        self._vehicle = vehicle
+        self._settings = session_settings("peer", connect=connect)
+        self._connect = list(connect)
+        self._changed = threading.Condition()
+        self._slots: dict[Topic, Any] = {}
+        self._queues: dict[Topic, deque[Any]] = {topic: deque(maxlen=queue_limit) for topic in QUEUED}
+        self._dropped = {topic.value: 0 for topic in QUEUED}
+        self._stopping = False
+        self._last: dict[Topic, bytes] = {}
+        self._status = PublisherStatus(enabled=bool(self._connect))
+        self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
+
+    @property
+    def status(self) -> PublisherStatus:
+        """As of a moment ago."""
+        with self._changed:
+            return replace(self._status, dropped=dict(self._dropped))
+
+    def start(self) -> None:
+        """Start the thread, which opens the session."""
+        if not self._connect:
+            log.info("nobody ashore is told anything: no router is named under shore.connect")
+            return
+        self._thread.start()
+
+    def publish(self, topic: Topic, value: wire.Payload) -> None:
+        """Leave a value to be published under `usv/<vehicle>/<topic>`; returns at once, from any thread."""
+        if not self._connect:
+            return
+        with self._changed:
+            if topic in self._queues:
+                waiting = self._queues[topic]
+                for one in value if isinstance(value, tuple) else (value,):
+                    self._dropped[topic.value] += len(waiting) == waiting.maxlen
+                    waiting.append(one)
+            else:
+                self._slots[topic] = value
+            self._changed.notify()
+
+    def stop(self, timeout_s: float = 2.0) -> bool:
+        """Publish what waits and close the session; False if that wasn't done within the timeout."""
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        if not self._thread.is_alive():
+            return True
+        self._thread.join(timeout_s)
+        if self._thread.is_alive():
+            log.warning("the zenoh session didn't close within %g s and is left behind", timeout_s)
+            return False
+        return True
+
+    def _run(self) -> None:
+        while not self._stopping:
+            try:
+                with zenoh.open(_config(self._settings)) as session:
+                    self._set_status(error=None)
+                    self._serve(session)
+            except zenoh.ZError as error:
+                log.warning("zenoh: %s; trying again in %g s", error, _REOPEN_S)
+                self._set_status(error=str(error), connected=0, listened=False)
+                with self._changed:
+                    self._changed.wait_for(lambda: self._stopping, _REOPEN_S)
+        self._set_status(connected=0, listened=False)
+
+    def _serve(self, session: zenoh.Session) -> None:
+        """Publish until asked to stop. Everything declared here goes with the session."""
+        publishers = {
+            topic: session.declare_publisher(
+                wire.key(self._vehicle, topic),
+                encoding=zenoh.Encoding.APPLICATION_CBOR.with_schema(wire.schema(topic)),
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=_PRIORITY[topic],
+            )
+            for topic in Topic
+        }
+        session.declare_queryable(f"usv/{self._vehicle}/*", self._answer)
+        session.liveliness().declare_token(wire.alive_key(self._vehicle))
+        listened: list[Topic] = []
+        while True:
+            with self._changed:
+                if not (self._stopping or self._has_work(listened)):
+                    self._changed.wait(_LOOK_AROUND_S)
+            listened = [topic for topic in QUEUED if _matched(publishers[topic])]
+            with self._changed:
+                stopping = self._stopping
+                batch = self._take(listened)
+            for topic, value in batch:
+                self._put(publishers[topic], topic, value)
+            self._look_around(session, publishers[Topic.MODEL])
+            if stopping:
+                return
+
+    def _has_work(self, listened: list[Topic]) -> bool:
+        return bool(self._slots) or any(self._queues[topic] for topic in listened)
+
+    def _take(self, listened: list[Topic]) -> list[tuple[Topic, Any]]:
+        batch: list[tuple[Topic, Any]] = list(self._slots.items())
+        self._slots = {}
+        for topic in listened:
+            waiting = list(self._queues[topic])
+            self._queues[topic].clear()
+            if topic is Topic.LOG:
+                batch += [(topic, line) for line in waiting]
+            else:
+                size = wire.MAXIMUM_OBSERVATIONS
+                batch += [(topic, tuple(waiting[i : i + size])) for i in range(0, len(waiting), size)]
+        return batch
+
+    def _put(self, publisher: zenoh.Publisher, topic: Topic, value: wire.Payload) -> None:
+        try:
+            payload = wire.encode(value)
+        except wire.WireError as error:
+            log.warning("not published: %s", error)
+            self._set_status(refused=self._status.refused + 1)
+            return
+        if topic in LATEST_WINS:
+            self._last[topic] = payload
+        publisher.put(payload)
+        self._set_status(published=self._status.published + 1)
+
+    def _answer(self, query: zenoh.Query) -> None:
+        """The last model, plan and health, for somebody who has just come; runs in zenoh's thread."""
+        with query:
+            for topic, payload in list(self._last.items()):
+                name = wire.key(self._vehicle, topic)
+                if query.key_expr.intersects(name):
+                    encoding = zenoh.Encoding.APPLICATION_CBOR.with_schema(wire.schema(topic))
+                    query.reply(name, payload, encoding=encoding)
+
+    def _look_around(self, session: zenoh.Session, publisher: zenoh.Publisher) -> None:
+        connected = len(session.info.routers_zid()) + len(session.info.peers_zid())
+        if bool(connected) != bool(self._status.connected):
+            log.info("shore: %s", "connected" if connected else "not connected; dialling on")
+        self._set_status(connected=connected, listened=connected > 0 and _matched(publisher))
+
+    def _set_status(self, **changes: Any) -> None:
+        with self._changed:
+            self._status = replace(self._status, **changes)
+
+
+def _matched(publisher: zenoh.Publisher) -> bool:
+    # The stubs of 1.10 call this a bool; it is an object, and always true.
+    status: Any = publisher.matching_status
+    return bool(status.matching)
+
+
+def _config(settings: dict[str, Any]) -> zenoh.Config:
+    config = zenoh.Config()
+    for path, value in settings.items():
+        config.insert_json5(path, json.dumps(value))
+    return config

@@ -1,0 +1,254 @@
+"""`autonomy shore watch`: follow a vehicle from ashore, a line per snapshot and the latest map as a picture."""
+
+import argparse
+import json
+import math
+import queue
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from autonomy.endpoints import check_endpoint
+from autonomy.shore.subscriber import Presence, Subscriber, Update, VehicleView
+from autonomy.wire import VEHICLE_NAME, LogNotice, ModelSnapshot
+
+EXIT_OK, EXIT_NOTHING_CAME, EXIT_USAGE = 0, 1, 2
+_PICTURE_PERIOD_S = 1.0
+_LOOK_S = 0.2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument(
+        "vehicle", nargs="?", default="*", type=_vehicle, help="its name, or * for all (default)"
+    )
+    way = parser.add_mutually_exclusive_group(required=True)
+    way.add_argument(
+        "--listen",
+        action="append",
+        type=_endpoint,
+        metavar="ADDRESS",
+        help="be the router the vehicles dial, at this address, e.g. tcp/0.0.0.0:7447",
+    )
+    way.add_argument(
+        "--connect",
+        action="append",
+        type=_endpoint,
+        metavar="ADDRESS",
+        help="be a client of the router there",
+    )
+    parser.add_argument("--png", type=Path, metavar="FILE", help="keep the latest map in this picture")
+    parser.add_argument(
+        "--json", action="store_true", help="print a JSON object per snapshot instead of text"
+    )
+    parser.add_argument("--count", type=_positive_count, metavar="N", help="end after N snapshots")
+    parser.add_argument(
+        "--timeout",
+        type=_positive_seconds,
+        metavar="S",
+        help="end after S seconds; fails if fewer came than asked for",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Follow until told to stop: 0; 1 if too little came within the timeout or the address is taken; 2 for bad usage."""
+    draw = None
+    if args.png is not None:
+        if not args.png.absolute().parent.is_dir():
+            return _complain(EXIT_USAGE, f"--png: there is no directory {args.png.absolute().parent}")
+        draw = _painter()
+        if draw is None:
+            return _complain(EXIT_USAGE, "--png needs matplotlib: pip install 'halocline[shore]'")
+    updates: queue.Queue[Update] = queue.Queue()
+    subscriber = Subscriber(args.vehicle, args.connect or (), args.listen or (), on_update=updates.put)
+    with _stop_on_signals() as stopping:
+        try:
+            subscriber.start()
+        except OSError as error:
+            return _complain(EXIT_NOTHING_CAME, str(error))
+        try:
+            return _Watch(subscriber, updates, stopping, draw, args).follow()
+        except BrokenPipeError:
+            # Whoever read our lines has seen enough; stdout must not be flushed again at exit.
+            sys.stdout = None  # type: ignore[assignment]
+            return EXIT_OK
+        finally:
+            subscriber.close()
+
+
+class _Watch:
+    """One run of the verb."""
+
+    def __init__(
+        self,
+        subscriber: Subscriber,
+        updates: "queue.Queue[Update]",
+        stopping: threading.Event,
+        draw: Callable[..., None] | None,
+        args: argparse.Namespace,
+    ) -> None:
+        self._subscriber = subscriber
+        self._updates = updates
+        self._stopping = stopping
+        self._draw = draw
+        self._args = args
+        self._snapshots = 0
+        self._undrawn: str | None = None
+        self._drawn_s = -math.inf
+
+    def follow(self) -> int:
+        """Until the count, the timeout or a signal; the last picture is drawn in any case."""
+        deadline = math.inf if self._args.timeout is None else time.monotonic() + self._args.timeout
+        while not self._stopping.is_set() and not self._enough() and time.monotonic() < deadline:
+            try:
+                update = self._updates.get(timeout=_LOOK_S)
+            except queue.Empty:
+                update = None
+            if update is not None:
+                self._take(update)
+            if time.monotonic() - self._drawn_s >= _PICTURE_PERIOD_S:
+                self._picture()
+        self._picture()
+        if self._stopping.is_set() or self._enough() or (self._args.count is None and self._snapshots):
+            return EXIT_OK
+        asked = "" if self._args.count is None else f" of {self._args.count}"
+        return _complain(
+            EXIT_NOTHING_CAME, f"{self._snapshots}{asked} snapshots came in {self._args.timeout:g} s"
+        )
+
+    def _enough(self) -> bool:
+        return self._args.count is not None and self._snapshots >= self._args.count
+
+    def _take(self, update: Update) -> None:
+        match update.value:
+            case ModelSnapshot():
+                self._snapshots += 1
+                self._undrawn = update.vehicle
+                view = self._subscriber.latest(update.vehicle)
+                line = (
+                    json.dumps(_fields(update.value, view)) if self._args.json else _line(update.value, view)
+                )
+                print(line, flush=True)
+            case Presence():
+                _note(f"{update.vehicle}: {'connected' if update.value.alive else 'gone'}")
+            case LogNotice() if update.value.level in ("warning", "error"):
+                _note(f"{update.vehicle}: {update.value.level}: {update.value.text}")
+
+    def _picture(self) -> None:
+        if self._draw is None or self._undrawn is None:
+            return
+        vehicle, self._undrawn = self._undrawn, None
+        self._drawn_s = time.monotonic()
+        try:
+            self._draw(self._args.png, self._subscriber.latest(vehicle), self._subscriber.track(vehicle))
+        except OSError as error:
+            _note(f"the picture cannot be written: {error}")
+
+
+def _fields(model: ModelSnapshot, view: VehicleView) -> dict[str, Any]:
+    """What a snapshot says, for programs; `age_s` is by this machine's clock and UTC, None if either is unknown."""
+    h = model.model.hyperparameters
+    return {
+        "vehicle": model.vehicle,
+        "sequence": model.sequence,
+        "utc_s": model.utc_s,
+        "age_s": None if model.utc_s is None else round(time.time() - model.utc_s, 3),
+        "model_time_s": model.model_time_s,
+        "state": None if view.health is None else view.health.state,
+        "samples": model.samples,
+        "basis_size": len(model.model),
+        "rho": model.rho,
+        "replans": model.replans,
+        "signal_variance": h.signal_variance,
+        "noise_variance": h.noise_variance,
+        "lengthscales_m": list(h.lengthscales_m),
+        "variable": model.variable,
+        "units": model.units,
+    }
+
+
+def _line(model: ModelSnapshot, view: VehicleView) -> str:
+    """The same for a person."""
+    said = _fields(model, view)
+    clock = (
+        "--:--:--" if model.utc_s is None else datetime.fromtimestamp(model.utc_s, UTC).strftime("%H:%M:%SZ")
+    )
+    age = "" if said["age_s"] is None else f"  {said['age_s']:.1f} s old"
+    scales = " × ".join(f"{scale:.0f}" for scale in said["lengthscales_m"])
+    unit = "" if model.units in ("", "1") else f" {model.units}"
+    return (
+        f"{clock}  {model.vehicle}  t={model.model_time_s:.0f} s  {said['state'] or 'state unknown'}  "
+        f"samples {model.samples}  basis {said['basis_size']}  ρ {model.rho:.2f}  re-plans {model.replans}  "
+        f"σf {math.sqrt(said['signal_variance']):.3g}{unit}  l {scales} m  "
+        f"σn {math.sqrt(said['noise_variance']):.2g}{unit}{age}"
+    )
+
+
+def _painter() -> Callable[..., None] | None:
+    try:
+        from autonomy.shore.picture import write_map
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != "matplotlib":
+            raise
+        return None
+    return write_map
+
+
+@contextmanager
+def _stop_on_signals() -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set; outside the main thread signals are somebody else's affair."""
+    stopping = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stopping
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda *_: stopping.set()) for number in numbers]
+    try:
+        yield stopping
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _note(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _complain(code: int, text: str) -> int:
+    _note(f"autonomy shore watch: {text}")
+    return code
+
+
+def _vehicle(text: str) -> str:
+    if text != "*" and not VEHICLE_NAME.fullmatch(text):
+        raise argparse.ArgumentTypeError(f"must be * or match {VEHICLE_NAME.pattern} (got {text!r})")
+    return text
+
+
+def _endpoint(text: str) -> str:
+    try:
+        return check_endpoint(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _positive_count(text: str) -> int:
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"must be a whole number above 0 (got {text!r})")
+    return int(text)
+
+
+def _positive_seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"must be seconds above 0 (got {text!r})")
+    return seconds

@@ -1,0 +1,241 @@
+"""What each field of each published message may hold: the bounds that both ends keep to."""
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import cbor2
+import numpy as np
+
+from autonomy.effects import Topic
+
+MAXIMUM_OBSERVATIONS = 4096
+MAXIMUM_CORNERS = 10_000
+MAXIMUM_REASON = 400
+MAXIMUM_LINE = 2000
+VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
+LEVELS = ("debug", "info", "warning", "error")
+
+# RFC 8746: little-endian float64, and bytes.
+FLOAT64_TAG = 86
+UINT8_TAG = 64
+
+
+class WireError(ValueError):
+    """A value cannot be published, or received bytes are not what their key promises; says what and where."""
+
+
+# Gives the value in its final form or raises WireError.
+Rule = Callable[[Any], Any]
+
+
+def brief(value: Any) -> str:
+    """A value for an error message: short, whatever was sent."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, float) or (isinstance(value, int) and abs(value) < 2**64):
+        return str(value)
+    if isinstance(value, str):
+        return repr(value if len(value) <= 20 else value[:20] + "…")
+    return f"a {type(value).__name__}"
+
+
+def _text(maximum: int, pattern: re.Pattern[str] | None = None) -> Rule:
+    def rule(value: Any) -> str:
+        if not isinstance(value, str) or len(value) > maximum:
+            raise WireError(f"must be text of at most {maximum} characters (got {brief(value)})")
+        if pattern is not None and not pattern.fullmatch(value):
+            raise WireError(f"must match {pattern.pattern} (got {brief(value)})")
+        return value
+
+    return rule
+
+
+def _one_of(choices: Sequence[str]) -> Rule:
+    def rule(value: Any) -> str:
+        if not isinstance(value, str) or value not in choices:
+            raise WireError(f"must be one of {', '.join(choices)} (got {brief(value)})")
+        return value
+
+    return rule
+
+
+def _count(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= 2**53:
+        raise WireError(f"must be a whole number from 0 to 2^53 (got {brief(value)})")
+    return value
+
+
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise WireError(f"must be true or false (got {brief(value)})")
+    return value
+
+
+def _number(low: float = -1e30, high: float = 1e30) -> Rule:
+    def rule(value: Any) -> float:
+        # NaN fails the comparison, infinities the bounds.
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise WireError(f"must be a number from {low:g} to {high:g} (got {brief(value)})")
+        return float(value)
+
+    return rule
+
+
+def _or_none(inner: Rule) -> Rule:
+    return lambda value: None if value is None else inner(value)
+
+
+def _numbers(minimum: int, maximum: int, inner: Rule, group: int = 1) -> Rule:
+    """A typed array of float64; `group` numbers make one element."""
+
+    def rule(value: Any) -> tuple[float, ...]:
+        if (
+            not isinstance(value, cbor2.CBORTag)
+            or value.tag != FLOAT64_TAG
+            or not isinstance(value.value, bytes)
+        ):
+            raise WireError(f"must be an array of float64, tag {FLOAT64_TAG} (got {brief(value)})")
+        elements, rest = divmod(len(value.value), 8 * group)
+        if rest or not minimum <= elements <= maximum:
+            raise WireError(
+                f"must have {minimum} to {maximum} times {group} float64 (got {len(value.value)} bytes)"
+            )
+        return tuple(inner(number) for number in np.frombuffer(value.value, dtype="<f8").tolist())
+
+    return rule
+
+
+def _flags(maximum: int) -> Rule:
+    def rule(value: Any) -> tuple[bool, ...]:
+        if (
+            not isinstance(value, cbor2.CBORTag)
+            or value.tag != UINT8_TAG
+            or not isinstance(value.value, bytes)
+        ):
+            raise WireError(f"must be an array of bytes, tag {UINT8_TAG} (got {brief(value)})")
+        if len(value.value) > maximum or max(value.value, default=0) > 1:
+            raise WireError(f"must have at most {maximum} bytes, each 0 or 1 (got {len(value.value)} bytes)")
+        return tuple(byte == 1 for byte in value.value)
+
+    return rule
+
+
+def _pairs(minimum: int, maximum: int) -> Rule:
+    flat = _numbers(minimum, maximum, _number(-180, 360), group=2)
+
+    def rule(value: Any) -> tuple[tuple[float, float], ...]:
+        numbers = flat(value)
+        return tuple((_latitude(lat), lon) for lat, lon in zip(numbers[0::2], numbers[1::2], strict=True))
+
+    return rule
+
+
+def _start(value: Any) -> tuple[float, float]:
+    pairs: tuple[tuple[float, float], ...] = _pairs(1, 1)(value)
+    return pairs[0]
+
+
+def _bounds(value: Any) -> tuple[float, float, float, float]:
+    x_min, y_min, x_max, y_max = _numbers(1, 1, _number(-1e7, 1e7), group=4)(value)
+    if not (x_min < x_max and y_min < y_max):
+        raise WireError(
+            f"must be x minimum, y minimum, x maximum, y maximum (got {x_min}, {y_min}, {x_max}, {y_max})"
+        )
+    return x_min, y_min, x_max, y_max
+
+
+def _blob(value: Any) -> bytes:
+    if not isinstance(value, bytes) or not value:
+        raise WireError(f"must be a byte string (got {brief(value)})")
+    return value
+
+
+_latitude = _number(-90, 90)
+_longitude = _number(-180, 360)
+_share = _number(0, 1)
+_columns = _numbers(0, MAXIMUM_OBSERVATIONS, _number())
+
+RULES: dict[Topic, dict[str, Rule]] = {
+    Topic.MODEL: {
+        "vehicle": _text(32, VEHICLE_NAME),
+        "sequence": _count,
+        "software_version": _text(64),
+        "variable": _text(100),
+        "units": _text(40),
+        "model": _blob,
+        "model_time_s": _number(),
+        "utc_s": _or_none(_number(0, 1e11)),
+        "samples": _count,
+        "rho": _share,
+        "replans": _count,
+        "origin_lat_deg": _latitude,
+        "origin_lon_deg": _longitude,
+        "bounds_m": _bounds,
+    },
+    Topic.PLAN: {
+        "sequence": _count,
+        "start_deg": _start,
+        "route_deg": _pairs(0, MAXIMUM_CORNERS),
+        "is_spot": _flags(MAXIMUM_CORNERS),
+        "mutual_information": _or_none(_number()),
+        "planner": _text(40),
+        "reason": _text(MAXIMUM_REASON),
+    },
+    Topic.OBSERVATIONS: {
+        "model_time_s": _columns,
+        "lat_deg": _numbers(0, MAXIMUM_OBSERVATIONS, _latitude),
+        "lon_deg": _numbers(0, MAXIMUM_OBSERVATIONS, _longitude),
+        "value": _columns,
+    },
+    Topic.HEALTH: {
+        "state": _text(40),
+        "reason": _text(MAXIMUM_REASON),
+        "mode": _text(40),
+        "armed": _flag,
+        "lat_deg": _or_none(_latitude),
+        "lon_deg": _or_none(_longitude),
+        "heading_deg": _or_none(_number(-360, 360)),
+        "groundspeed_mps": _or_none(_number(0, 1e4)),
+        "model_time_s": _or_none(_number()),
+        "samples": _count,
+        "basis_size": _count,
+        "rho": _or_none(_share),
+        "rho0": _or_none(_share),
+        "replans": _count,
+        "distance_m": _or_none(_number(0)),
+        "clock_rate": _or_none(_number(0)),
+        "link_ok": _flag,
+        "worker_busy": _flag,
+        "dropped": _count,
+    },
+    Topic.LOG: {"level": _one_of(LEVELS), "text": _text(MAXIMUM_LINE)},
+}
+
+
+# Arrays that belong together, element by element.
+PARALLEL: dict[Topic, tuple[str, ...]] = {
+    Topic.MODEL: (),
+    Topic.PLAN: ("route_deg", "is_spot"),
+    Topic.OBSERVATIONS: ("model_time_s", "lat_deg", "lon_deg", "value"),
+    Topic.HEALTH: (),
+    Topic.LOG: (),
+}
+
+
+def checked(topic: Topic, content: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a message, each by its rule; keys without a rule are ignored, for newer vehicles."""
+    values: dict[str, Any] = {}
+    for name, rule in RULES[topic].items():
+        if name not in content:
+            raise WireError(f"{topic.value}: {name}: is missing")
+        try:
+            values[name] = rule(content[name])
+        except WireError as error:
+            raise WireError(f"{topic.value}: {name}: {error}") from None
+    lengths = {
+        len(values[name]) for name in values if isinstance(values[name], tuple) and name in PARALLEL[topic]
+    }
+    if len(lengths) > 1:
+        raise WireError(f"{topic.value}: {', '.join(PARALLEL[topic])}: must be equally long")
+    return values

@@ -1,0 +1,165 @@
+"""The publisher against real routers: absent, late, restarted, hung; and who joins late."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+from pathlib import Path
+
+import pytest
+
+from autonomy import wire
+from autonomy.effects import Topic
+from autonomy.shell.publisher import Publisher
+
+sys.path.insert(0, str(Path(__file__).parent))
+from shore_helpers import (
+    SOON_S,
+    Listener,
+    free_endpoint,
+    health_notice,
+    observation,
+    plan_notice,
+    publisher,
+    router,
+)
+
+pytestmark = pytest.mark.process
+
+
+def test_everything_arrives_under_its_key_with_its_schema():
+    endpoint = free_endpoint()
+    with router(endpoint) as ashore, Listener(ashore) as listener, publisher(endpoint) as boat:
+        values = {
+            Topic.PLAN: plan_notice(),
+            Topic.HEALTH: health_notice(),
+            Topic.OBSERVATIONS: (observation(0), observation(1)),
+            Topic.LOG: wire.LogNotice("info", "under way"),
+        }
+        for topic, value in values.items():
+            boat.publish(topic, value)
+        for topic, value in values.items():
+            sample = listener.wait(f"usv/boat1/{topic.value}")
+            assert wire.decode(topic, sample.payload) == value
+            assert sample.encoding == f"application/cbor;halocline/{topic.value}/1"
+
+
+def test_without_a_router_the_newest_wins_and_queues_drop_their_oldest():
+    endpoint = free_endpoint()
+    with publisher(endpoint, queue_limit=10) as boat:
+        # All of this returns although nobody will ever take it.
+        for number in range(1000):
+            boat.publish(Topic.HEALTH, health_notice(str(number)))
+            boat.publish(Topic.OBSERVATIONS, observation(number))
+        assert boat.status.dropped["observations"] == 990
+        assert boat.status.connected == 0
+        assert not boat.status.listened
+        with router(endpoint) as late, Listener(late) as listener:
+            sample = listener.wait("usv/boat1/observations")
+            kept = wire.decode(Topic.OBSERVATIONS, sample.payload)
+            assert [one.model_time_s for one in kept] == list(range(990, 1000))
+            assert listener.ask("usv/boat1/*")[Topic.HEALTH] == health_notice("999")
+
+
+def test_observations_of_an_outage_arrive_after_it():
+    endpoint = free_endpoint()
+    with publisher(endpoint) as boat:
+        with router(endpoint) as first, Listener(first) as listener:
+            boat.publish(Topic.OBSERVATIONS, observation(0))
+            listener.wait("usv/boat1/observations")
+            wait_until(lambda: boat.status.connected == 1 and boat.status.listened)
+        wait_until(lambda: boat.status.connected == 0)
+        for number in range(1, 4):
+            boat.publish(Topic.OBSERVATIONS, observation(number))
+        with router(endpoint) as second, Listener(second) as listener:
+            sample = listener.wait("usv/boat1/observations")
+            assert wire.decode(Topic.OBSERVATIONS, sample.payload) == tuple(observation(n) for n in (1, 2, 3))
+
+
+def test_publishing_never_waits_for_the_thread_that_owns_the_session():
+    boat = Publisher("boat1", [free_endpoint()])
+    # The thread isn't even running: a publish that waited for anything would hang here.
+    for number in range(100):
+        boat.publish(Topic.HEALTH, health_notice(str(number)))
+    assert boat.stop()
+
+
+def test_presence_comes_and_goes_with_the_publisher():
+    endpoint = free_endpoint()
+    with router(endpoint) as ashore, Listener(ashore) as listener:
+        with publisher(endpoint) as boat:
+            assert listener.wait("usv/boat1/alive").appeared
+            boat.publish(Topic.LOG, wire.LogNotice("info", "last words"))
+            wait_until(lambda: boat.status.listened)
+            assert boat.stop(SOON_S)
+        assert not listener.wait("usv/boat1/alive").appeared
+        assert listener.wait("usv/boat1/log")
+
+
+def test_what_cannot_be_encoded_is_counted_and_nothing_else_suffers(caplog):
+    endpoint = free_endpoint()
+    with router(endpoint) as ashore, Listener(ashore) as listener, publisher(endpoint) as boat:
+        boat.publish(Topic.OBSERVATIONS, wire.ObservationNotice(0.0, 200.0, 0.0, 33.0))
+        wait_until(lambda: boat.status.refused == 1)
+        assert "observations: lat_deg: must be a number from -90 to 90" in caplog.text
+        boat.publish(Topic.OBSERVATIONS, observation(1))
+        assert listener.wait("usv/boat1/observations")
+
+
+def test_nobody_named_to_dial_nothing_opened():
+    threads = threading.active_count()
+    boat = Publisher("boat1", [])
+    boat.start()
+    boat.publish(Topic.LOG, wire.LogNotice("info", "hello"))
+    assert threading.active_count() == threads
+    assert not boat.status.enabled
+    assert boat.stop()
+
+
+def test_names_and_addresses_are_checked_at_once():
+    with pytest.raises(ValueError, match="not an address: 'localhost'"):
+        Publisher("boat1", ["localhost"])
+    with pytest.raises(ValueError, match="vehicle name"):
+        Publisher("boat/1", [])
+
+
+HUNG_ROUTER = """
+    import sys
+    sys.path[:0] = {path!r}
+    from shore_helpers import router
+    with router({endpoint!r}):
+        print("listening", flush=True)
+        sys.stdin.read()
+"""
+
+
+def test_a_hung_router_holds_up_neither_publishing_nor_the_stop():
+    endpoint = free_endpoint()
+    program = textwrap.dedent(HUNG_ROUTER.format(path=[str(Path(__file__).parent)], endpoint=endpoint))
+    with (
+        subprocess.Popen(
+            [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        ) as child,
+        publisher(endpoint) as boat,
+    ):
+        assert child.stdout.readline() == b"listening\n"
+        wait_until(lambda: boat.status.connected == 1)
+        os.kill(child.pid, signal.SIGSTOP)
+        for number in range(2000):
+            boat.publish(Topic.HEALTH, health_notice("x" * 300 + str(number)))
+            boat.publish(Topic.OBSERVATIONS, observation(number))
+        stopped = boat.stop(SOON_S)
+        child.kill()
+        assert stopped
+
+
+def wait_until(condition, timeout_s=SOON_S):
+    """Poll a condition of another thread's."""
+    pause = threading.Event()
+    for _ in range(int(timeout_s / 0.02)):
+        if condition():
+            return
+        pause.wait(0.02)
+    raise AssertionError("it didn't come to pass")

@@ -1,0 +1,267 @@
+"""The published values through their wire form and back, and everything that isn't one refused."""
+
+import dataclasses
+import math
+
+import cbor2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autonomy.effects import Topic
+from autonomy.learning.field_model import FieldModel
+from autonomy.learning.kernel import Hyperparameters
+from autonomy.wire import (
+    HealthNotice,
+    LogNotice,
+    ModelSnapshot,
+    ObservationNotice,
+    PlanNotice,
+    WireError,
+    alive_key,
+    decode,
+    encode,
+    key,
+    schema,
+    split_key,
+)
+
+number = st.floats(-1e6, 1e6)
+latitude, longitude = st.floats(-90, 90), st.floats(-180, 360)
+count = st.integers(0, 2**53)
+share = st.floats(0, 1)
+
+
+def maybe(strategy):
+    return st.none() | strategy
+
+
+plans = st.integers(0, 20).flatmap(
+    lambda corners: st.builds(
+        PlanNotice,
+        sequence=count,
+        start_deg=st.tuples(latitude, longitude),
+        route_deg=st.lists(st.tuples(latitude, longitude), min_size=corners, max_size=corners).map(tuple),
+        is_spot=st.lists(st.booleans(), min_size=corners, max_size=corners).map(tuple),
+        mutual_information=maybe(number),
+        planner=st.text(max_size=40),
+        reason=st.text(max_size=400),
+    )
+)
+observations = st.lists(st.builds(ObservationNotice, number, latitude, longitude, number)).map(tuple)
+healths = st.builds(
+    HealthNotice,
+    state=st.text(max_size=40),
+    reason=st.text(max_size=400),
+    mode=st.text(max_size=40),
+    armed=st.booleans(),
+    lat_deg=maybe(latitude),
+    lon_deg=maybe(longitude),
+    heading_deg=maybe(st.floats(0, 360)),
+    groundspeed_mps=maybe(st.floats(0, 100)),
+    model_time_s=maybe(number),
+    samples=count,
+    basis_size=count,
+    rho=maybe(share),
+    rho0=maybe(share),
+    replans=count,
+    distance_m=maybe(st.floats(0, 1e9)),
+    clock_rate=maybe(st.floats(0, 1e4)),
+    link_ok=st.booleans(),
+    worker_busy=st.booleans(),
+    dropped=count,
+)
+logs = st.builds(LogNotice, st.sampled_from(["debug", "info", "warning", "error"]), st.text(max_size=2000))
+
+HEALTH = HealthNotice(
+    *("EXPLORING", "", "AUTO", True, 34.0, -120.0, 90.0, 1.5, 9.0),
+    *(10, 5, 0.2, 0.6, 1, 100.0, 1.0, True, False, 0),
+)
+PLAN = PlanNotice(0, (34.0, -120.0), ((34.1, -120.1),), (True,), 1.0, "paper", "first plan")
+MODEL = ModelSnapshot(
+    vehicle="boat1",
+    sequence=7,
+    software_version="0.1.0",
+    variable="sea_water_practical_salinity",
+    units="1",
+    model=FieldModel.prior(Hyperparameters(0.5, 0.01, (1000.0, 2000.0)), prior_mean=33.5),
+    model_time_s=12.5,
+    utc_s=None,
+    samples=3,
+    rho=1.0,
+    replans=0,
+    origin_lat_deg=34.0,
+    origin_lon_deg=-120.0,
+    bounds_m=(-10.0, -20.0, 30.0, 40.0),
+)
+GOOD = {
+    Topic.MODEL: MODEL,
+    Topic.PLAN: PLAN,
+    Topic.OBSERVATIONS: ObservationNotice(1.0, 34.0, -120.0, 33.0),
+    Topic.HEALTH: HEALTH,
+    Topic.LOG: LogNotice("info", "hello"),
+}
+
+
+@given(plans)
+def test_plans_come_back(plan):
+    assert decode(Topic.PLAN, encode(plan)) == plan
+
+
+@given(observations)
+def test_observations_come_back(batch):
+    assert decode(Topic.OBSERVATIONS, encode(batch)) == batch
+
+
+@given(healths)
+def test_health_comes_back(health):
+    assert decode(Topic.HEALTH, encode(health)) == health
+
+
+@given(logs)
+def test_log_lines_come_back(line):
+    assert decode(Topic.LOG, encode(line)) == line
+
+
+def test_one_observation_is_a_batch_of_one():
+    one = GOOD[Topic.OBSERVATIONS]
+    assert decode(Topic.OBSERVATIONS, encode(one)) == (one,)
+
+
+def test_a_model_comes_back_with_its_place_on_earth():
+    back = decode(Topic.MODEL, encode(MODEL))
+    for field in dataclasses.fields(ModelSnapshot):
+        if field.name != "model":
+            assert getattr(back, field.name) == getattr(MODEL, field.name)
+    assert back.model.hyperparameters == MODEL.model.hyperparameters
+    points = np.array([[0.0, 0.0], [5.0, 5.0]])
+    np.testing.assert_allclose(back.model.predict(points).mean, MODEL.model.predict(points).mean)
+
+
+@pytest.mark.parametrize("unknown", [math.nan, math.inf])
+def test_numbers_that_may_be_unknown_travel_as_null(unknown):
+    health = dataclasses.replace(HEALTH, heading_deg=unknown, rho=unknown)
+    assert decode(Topic.HEALTH, encode(health)) == dataclasses.replace(HEALTH, heading_deg=None, rho=None)
+
+
+@pytest.mark.parametrize(
+    ("value", "place"),
+    [
+        (dataclasses.replace(MODEL, model_time_s=math.nan), "model: model_time_s: must be a number"),
+        (dataclasses.replace(MODEL, bounds_m=(1.0, 0.0, 0.0, 1.0)), "model: bounds_m: must be x minimum"),
+        (dataclasses.replace(MODEL, vehicle="a/b"), "model: vehicle: must match"),
+        (ObservationNotice(0.0, 34.0, -120.0, math.nan), "observations: value: must be a number"),
+        (ObservationNotice(0.0, 91.0, -120.0, 1.0), "observations: lat_deg: must be a number from -90 to 90"),
+        (dataclasses.replace(PLAN, is_spot=()), "plan: route_deg, is_spot: must be equally long"),
+        (dataclasses.replace(HEALTH, samples=-1), "health: samples: must be a whole number"),
+        (LogNotice("shout", "hello"), "log: level: must be one of debug, info, warning, error"),
+        (dataclasses.replace(HEALTH, state="x" * 41), "health: state: must be text of at most 40"),
+    ],
+)
+def test_what_cannot_be_read_is_not_written(value, place):
+    with pytest.raises(WireError, match=place):
+        encode(value)
+
+
+def test_long_sentences_are_cut_rather_than_lost():
+    line = decode(Topic.LOG, encode(LogNotice("info", "x" * 3000)))
+    assert line.text == "x" * 1999 + "…"
+    health = decode(Topic.HEALTH, encode(dataclasses.replace(HEALTH, reason="y" * 401)))
+    assert health.reason == "y" * 399 + "…"
+
+
+@given(st.binary(max_size=300), st.sampled_from(list(Topic)))
+def test_noise_is_refused(noise, topic):
+    with pytest.raises(WireError, match=topic.value):
+        decode(topic, noise)
+
+
+def complaint_about(topic, payload):
+    try:
+        decode(topic, payload)
+    except WireError as error:
+        return str(error)
+    return None
+
+
+@given(st.data(), st.sampled_from(list(Topic)))
+def test_damaged_messages_are_refused_or_within_bounds(data, topic):
+    payload = bytearray(encode(GOOD[topic]))
+    for _ in range(data.draw(st.integers(1, 4))):
+        payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
+    damaged = bytes(payload[: data.draw(st.integers(0, len(payload)))])
+    complaint = complaint_about(topic, damaged)
+    assert complaint is None or (complaint.startswith(topic.value) and len(complaint) < 500)
+
+
+junk = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=5)
+    | st.binary(max_size=9)
+    | st.builds(cbor2.CBORTag, st.sampled_from([64, 86, 40, 999]), st.binary(max_size=24)),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(st.data(), st.sampled_from(list(Topic)), junk)
+def test_any_field_may_hold_anything(data, topic, value):
+    content = cbor2.loads(encode(GOOD[topic]))
+    name = data.draw(st.sampled_from(sorted(content)))
+    content[name] = value
+    complaint = complaint_about(topic, cbor2.dumps(content))
+    assert complaint is None or (complaint.startswith(topic.value) and len(complaint) < 500)
+
+
+@pytest.mark.parametrize("topic", list(Topic))
+def test_every_missing_field_is_named(topic):
+    content = cbor2.loads(encode(GOOD[topic]))
+    for name in content:
+        rest = {other: value for other, value in content.items() if other != name}
+        with pytest.raises(WireError, match=f"{topic.value}: {name}: "):
+            decode(topic, cbor2.dumps(rest))
+
+
+def test_another_version_is_refused_and_new_fields_are_not():
+    content = cbor2.loads(encode(HEALTH))
+    assert decode(Topic.HEALTH, cbor2.dumps({**content, "mood": "good"})) == HEALTH
+    with pytest.raises(WireError, match=r"health: v: must be 1 \(got 2\)"):
+        decode(Topic.HEALTH, cbor2.dumps({**content, "v": 2}))
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"\x81" * 100_000,
+        b"\x9b" + b"\xff" * 8,
+        b"\x5b\x0f" + b"\xff" * 7,
+        cbor2.dumps(cbor2.CBORTag(35, "(a+)+b")),
+        b"\xd8\x1c\x81\xd8\x1d\x00",
+        cbor2.dumps(10**2000),
+        bytes(17 * 2**20),
+    ],
+    ids=["depth", "array", "bytes", "pattern", "cycle", "bignum", "size"],
+)
+def test_bombs_do_not_go_off(payload):
+    with pytest.raises(WireError):
+        decode(Topic.HEALTH, payload)
+
+
+def test_a_damaged_model_names_its_place():
+    content = cbor2.loads(encode(MODEL))
+    with pytest.raises(WireError, match=r"^model: model: "):
+        decode(Topic.MODEL, cbor2.dumps({**content, "model": content["model"][:-9]}))
+
+
+def test_keys():
+    assert key("boat1", Topic.MODEL) == "usv/boat1/model"
+    assert alive_key("*") == "usv/*/alive"
+    assert split_key("usv/boat1/plan") == ("boat1", "plan")
+    assert schema(Topic.MODEL) == "halocline/model/1"
+    for wrong in ("usv/boat1", "usv/a b/plan", "car/boat1/plan", "usv/boat1/plan/x", "usv//plan", ""):
+        with pytest.raises(WireError, match="must be usv/<vehicle>/<topic>"):
+            split_key(wrong)
