@@ -29,7 +29,7 @@ _ROVERS = (mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_TYPE_SURFACE_BOAT)
 
 def mode_name(custom_mode: int) -> str:
     """The name ArduPilot Rover gives to a mode."""
-    return ROVER_MODES.get(custom_mode, f"mode {custom_mode}")
+    return str(ROVER_MODES.get(custom_mode, f"mode {custom_mode}"))
 
 
 class OnBoard(Enum):
@@ -119,6 +119,11 @@ class Authority:
     def survey_started(self) -> bool:
         """Whether the vehicle has been in AUTO, armed, under our mission."""
         return self.command is not Command.BEFORE_START
+
+    @property
+    def in_command(self) -> bool:
+        """Whether we have the boat: it is in AUTO, armed, under our mission."""
+        return self.command is Command.OURS
 
     def mission_read(self, on_board: OnBoard) -> None:
         """The mission on board was read, or is known to have changed."""
