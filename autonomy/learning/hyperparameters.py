@@ -1,8 +1,7 @@
-"""How well hyperparameters explain the readings, and the fit that finds good ones. Slow: for the worker.
+"""The fit that finds good hyperparameters: priors, guards, optimisers. Slow: for the worker.
 
-Both objectives come with analytic gradients with respect to *logarithms*, in the order signal variance,
-length-scales, noise variance. (Gradient ascent on the raw parameters fails nearly always.) `timescale_s`
-takes no part.
+It works on the logarithms of signal variance, length-scales and noise variance, in this order; gradient
+ascent on the raw parameters fails nearly always. `timescale_s` takes no part.
 """
 
 import math
@@ -12,40 +11,17 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
 
-from autonomy.learning.kernel import FloatArray, Hyperparameters, as_points, as_vector, covariance
+from autonomy.learning.kernel import FloatArray, Hyperparameters
+from autonomy.learning.likelihood import Readings, log_marginal_likelihood, loo_log_likelihood
+
+__all__ = ["Fit", "Priors", "fit", "log_marginal_likelihood", "loo_log_likelihood"]
 
 Objective = Literal["loo", "marginal"]
 Optimiser = Literal["lbfgs", "gradient_ascent"]
-MINIMUM_POINTS = 20
-
-_LOG_2PI = math.log(2.0 * math.pi)
 # A step of gradient ascent changes no parameter by more than this factor's logarithm.
 _LONGEST_STEP = 1.0
-
-
-def loo_log_likelihood(
-    x: ArrayLike, y: ArrayLike, h: Hyperparameters, noise_scale: ArrayLike | None = None
-) -> tuple[float, FloatArray]:
-    """Leave-one-out log predictive probability of `y` (n,) at `x` (n, d), and its gradient (2 + d,).
-
-    Sundararajan & Keerthi 2001; Rasmussen & Williams 2006, eqs. 5.10–5.13. The prior mean is zero. Reading i has the noise variance
-    σn²·noise_scale[i]; for a mean of n_i readings that scale is 1/n_i.
-    Raises ValueError for bad input, numpy.linalg.LinAlgError if the covariance is singular to rounding.
-    """
-    return _Problem.of(x, y, h, noise_scale).loo(h)
-
-
-def log_marginal_likelihood(
-    x: ArrayLike, y: ArrayLike, h: Hyperparameters, noise_scale: ArrayLike | None = None
-) -> tuple[float, FloatArray]:
-    """Log marginal likelihood of `y` (n,) at `x` (n, d), zero prior mean, and its gradient (2 + d,).
-
-    Rasmussen & Williams 2006, eqs. 5.8–5.9. Arguments and errors as for `loo_log_likelihood`.
-    """
-    return _Problem.of(x, y, h, noise_scale).marginal(h)
 
 
 @dataclass(frozen=True)
@@ -112,16 +88,16 @@ def fit(
 
     `mean="gls"` treats the prior mean as unknown: it is profiled out of the objective (exactly, so the
     gradient stays exact) and returned as the generalised-least-squares estimate, held within the readings'
-    range; a number fixes it. `isotropic` ties the length-scales. `gradient_ascent` works on logarithms: a step that lowers
-    the objective or leaves the bounds of sense is taken back and the learning rate halved, so it cannot
-    diverge. Never returns NaN and never raises for degenerate readings: see `Fit`. ValueError for bad
-    input.
+    range; a number fixes it. `isotropic` ties the length-scales. `gradient_ascent` works on logarithms; a
+    step that lowers the objective is taken back and the learning rate halved, and no step is longer than
+    one, so it cannot diverge. Parameters stay within bounds scaled to the readings' variance and extent.
+    Never returns NaN and never raises for degenerate readings: see `Fit`. ValueError for bad input.
     """
     if objective not in ("loo", "marginal"):
         raise ValueError(f"objective must be 'loo' or 'marginal', not {objective!r}")
     if optimiser not in ("lbfgs", "gradient_ascent"):
         raise ValueError(f"optimiser must be 'lbfgs' or 'gradient_ascent', not {optimiser!r}")
-    problem = _Problem.of(x, y, start, noise_scale, mean)
+    problem = Readings.of(x, y, start, noise_scale, mean)
     reason = problem.unfit()
     if reason:
         return Fit(start, problem.plain_mean(), -math.inf, 0, False, reason, kept_start=True)
@@ -138,130 +114,11 @@ def fit(
     return Fit(found, problem.prior_mean(found), target.likelihood(best)[0], count, converged, message)
 
 
-@dataclass(frozen=True)
-class _Problem:
-    """The readings; the objectives as functions of the hyperparameters."""
-
-    x: FloatArray
-    y: FloatArray
-    noise_scale: FloatArray
-    unknown_mean: bool
-    fixed_mean: float
-
-    @classmethod
-    def of(
-        cls,
-        x: ArrayLike,
-        y: ArrayLike,
-        h: Hyperparameters,
-        noise_scale: ArrayLike | None,
-        mean: Literal["gls"] | float = 0.0,
-    ) -> "_Problem":
-        points = as_points(x, h.dimensions, "x")
-        values = as_vector(y, "y", len(points))
-        scale = (
-            np.ones(len(points))
-            if noise_scale is None
-            else as_vector(noise_scale, "noise_scale", len(points))
-        )
-        if (scale <= 0).any():
-            raise ValueError("noise_scale must be positive")
-        fixed = 0.0 if mean == "gls" else float(mean)
-        if not math.isfinite(fixed):
-            raise ValueError(f"mean must be 'gls' or a finite number, not {mean!r}")
-        return cls(points, values - fixed, scale, mean == "gls", fixed)
-
-    @property
-    def n(self) -> int:
-        return len(self.y)
-
-    def unfit(self) -> str:
-        """Why these readings determine nothing; empty if they may."""
-        if self.n < MINIMUM_POINTS:
-            return f"{self.n} points are too few for a fit: at least {MINIMUM_POINTS} are needed"
-        if np.ptp(self.y) <= 1e-12 * float(np.abs(self.y).max()):
-            return "the readings do not vary"
-        if not np.ptp(self.x, axis=0).any():
-            return "all readings were taken at one place"
-        return ""
-
-    def plain_mean(self) -> float:
-        """The prior mean when there is no fit."""
-        if not self.unknown_mean or not self.n:
-            return self.fixed_mean
-        weights = 1.0 / self.noise_scale
-        return float(np.average(self.y, weights=weights))
-
-    def prior_mean(self, h: Hyperparameters) -> float:
-        """The generalised-least-squares mean under `h`, or the fixed one."""
-        if not self.unknown_mean:
-            return self.fixed_mean
-        _, inverse, _ = self._inverse(h)
-        weights = inverse.sum(axis=0)
-        # A length-scale beyond the survey can put the mean anywhere; one outside all readings helps nobody.
-        return float(np.clip(weights @ self.y / weights.sum(), self.y.min(), self.y.max()))
-
-    def _inverse(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray, float]:
-        """The noise-free covariance K, (K + noise)⁻¹, and log|K + noise|."""
-        K = covariance(self.x, self.x, h)
-        noisy = K.copy()
-        noisy.ravel()[:: self.n + 1] += h.noise_variance * self.noise_scale
-        factor, info = dpotrf(noisy.T, lower=1, overwrite_a=1)
-        if info == 0:
-            log_determinant = 2.0 * float(np.log(np.diagonal(factor)).sum())
-            inverse, info = dpotri(factor, lower=1, overwrite_c=1)
-        if info != 0:
-            raise np.linalg.LinAlgError("the covariance of the readings is singular to rounding")
-        inverse = np.tril(inverse)
-        inverse += np.tril(inverse, -1).T
-        return K, inverse, log_determinant
-
-    def _precision(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray, float]:
-        """As `_inverse`, with an unknown mean projected out: P = K⁻¹ − K⁻¹1(1ᵀK⁻¹1)⁻¹1ᵀK⁻¹.
-
-        dP = −P dK P holds just as it does for the inverse, so both objectives keep their formulas.
-        """
-        K, P, log_determinant = self._inverse(h)
-        if self.unknown_mean:
-            weights = P.sum(axis=0)
-            P -= np.outer(weights, weights) / weights.sum()
-            log_determinant += math.log(weights.sum())
-        return K, P, log_determinant
-
-    def loo(self, h: Hyperparameters) -> tuple[float, FloatArray]:
-        K, P, _ = self._precision(h)
-        precision = np.diagonal(P).copy()
-        alpha = P @ self.y
-        value = 0.5 * float((np.log(precision) - alpha**2 / precision).sum()) - 0.5 * self.n * _LOG_2PI
-        g = 0.5 / precision + 0.5 * (alpha / precision) ** 2
-        scaled = P * np.sqrt(g)
-        M = np.outer(P @ (alpha / precision), alpha) - scaled @ scaled.T
-        return value, self._gradient(h, K, M)
-
-    def marginal(self, h: Hyperparameters) -> tuple[float, FloatArray]:
-        K, P, log_determinant = self._precision(h)
-        alpha = P @ self.y
-        degrees = self.n - 1 if self.unknown_mean else self.n
-        value = -0.5 * float(self.y @ alpha) - 0.5 * log_determinant - 0.5 * degrees * _LOG_2PI
-        return value, self._gradient(h, K, 0.5 * (np.outer(alpha, alpha) - P))
-
-    def _gradient(self, h: Hyperparameters, K: FloatArray, M: FloatArray) -> FloatArray:
-        """Σ M∘dK for every log parameter."""
-        weighted = M * K
-        gradient = [float(weighted.sum())]
-        for axis, lengthscale in enumerate(h.lengthscales_m):
-            position = self.x[:, axis] / lengthscale
-            distance = np.subtract.outer(position, position)
-            gradient.append(float(np.einsum("ij,ij,ij->", weighted, distance, distance)))
-        gradient.append(h.noise_variance * float(np.diagonal(M) @ self.noise_scale))
-        return np.array(gradient)
-
-
 class _Target:
     """What the optimiser climbs: objective plus log prior, as a function of the (tied) log parameters."""
 
     def __init__(
-        self, problem: _Problem, objective: Objective, priors: Priors | None, isotropic: bool
+        self, problem: Readings, objective: Objective, priors: Priors | None, isotropic: bool
     ) -> None:
         self._dimensions = problem.x.shape[1]
         self._tie = isotropic and self._dimensions > 1
@@ -271,7 +128,7 @@ class _Target:
         self._priors = priors
         self.bounds = self._bounds(problem)
 
-    def _bounds(self, problem: _Problem) -> FloatArray:
+    def _bounds(self, problem: Readings) -> FloatArray:
         """Where a parameter still means something; the noise floor keeps the covariance well conditioned."""
         variance = float(problem.y.var()) if problem.unknown_mean else float(np.mean(problem.y**2))
         span = float(np.ptp(problem.x, axis=0).max())

@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from autonomy.config import EstimationSection
+from autonomy.learning.basis import select_basis
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.history import History, HistoryCells
 from autonomy.learning.hyperparameters import Fit, Priors, fit
 from autonomy.learning.kernel import FloatArray, Hyperparameters
-from autonomy.learning.sparse_gp import SparseOnlineGP, Update, select_basis
+from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 
 _DIMENSIONS = 2
 # On arrival novelty measures extrapolation, in a rebuild interpolation: the same threshold would leave a

@@ -25,9 +25,9 @@ import numpy as np
 import zstandard
 from scipy.linalg import solve_triangular
 
+from autonomy.learning.basis import prior_factor
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.kernel import FloatArray, Hyperparameters
-from autonomy.learning.sparse_gp import prior_factor
 
 SCHEMA = "halocline/field-model"
 VERSION = 1
