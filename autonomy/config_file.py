@@ -22,6 +22,10 @@ _TAG = "tag:yaml.org,2002:"
 _WORDS = {"yes": True, "true": True, "on": True, "no": False, "false": False, "off": False}
 
 
+class _Refused(yaml.MarkedYAMLError):
+    """YAML, but of a kind that has no place in a configuration."""
+
+
 class _Composer(yaml.BaseLoader):
     """PyYAML's scanner and parser with the resolvers below; limits what a hostile file can cost."""
 
@@ -32,10 +36,10 @@ class _Composer(yaml.BaseLoader):
         mark: Any = event.start_mark
         if self.check_event(yaml.AliasEvent):
             what = "aliases (*) are not supported: write the value again"
-            raise yaml.composer.ComposerError(None, None, what, mark)
+            raise _Refused(None, None, what, mark)
         if self.depth >= MAXIMUM_DEPTH:
             what = f"nested more than {MAXIMUM_DEPTH} levels deep"
-            raise yaml.composer.ComposerError(None, None, what, mark)
+            raise _Refused(None, None, what, mark)
         self.depth += 1
         try:
             return super().compose_node(parent, index)
@@ -173,6 +177,8 @@ def _compose(text: str, name: str) -> Any:
 
 
 def _syntax_message(error: yaml.MarkedYAMLError, text: str, mark: Any) -> tuple[str, str]:
+    if isinstance(error, _Refused):
+        return str(error.problem), ""
     if mark is not None and text[mark.index : mark.index + 1] == "\t":
         return "a tab here", "YAML indents with spaces"
     if (

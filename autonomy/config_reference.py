@@ -128,5 +128,5 @@ def _range(metadata: list[Any]) -> str:
     limits = {name: limit for name, limit in limits.items() if limit is not None}
     if {"ge", "le"} <= limits.keys():
         return f"from {limits['ge']} to {limits['le']}"
-    words = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
+    words = {"ge": "of at least", "gt": "above", "le": "at most", "lt": "below"}
     return " and ".join(f"{words[name]} {limit}" for name, limit in limits.items())

@@ -45,12 +45,13 @@ def _section(section: BaseModel, loaded: Loaded, path: KeyPath) -> Iterator[str]
             yield f"{indent}{name}:"
             yield from _section(value, loaded, here)
         else:
-            yield f"{indent}{name}: {_yaml(value)}  # {loaded.origins.get(here, DEFAULT)}"
+            yield f"{indent}{name}: {yaml_value(value)}  # {loaded.origins.get(here, DEFAULT)}"
 
 
-def _yaml(value: Any) -> str:
+def yaml_value(value: Any) -> str:
+    """The value as this project's YAML writes it, on one line."""
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_yaml, value))}]"
+        return f"[{', '.join(map(yaml_value, value))}]"
     if isinstance(value, str | Path):
         # Always quoted: a unit of "1" must stay text.
         return yaml.safe_dump(str(value), default_style='"', allow_unicode=True, width=math.inf).strip()

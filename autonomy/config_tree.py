@@ -307,7 +307,7 @@ class ShoreSection(Section):
     connect: Annotated[list[Locator], Field(strict=False)] = Field(
         default=[],
         description="routers ashore that the vessel dials, for ever; none: nothing is published",
-        json_schema_extra={"allowed": f"a list; each {LOCATOR_FORMS}"},
+        json_schema_extra={"allowed": f"a list of {LOCATOR_FORMS}"},
     )
     model_period_s: Positive = Field(
         default=2.0, description="shortest time between two snapshots of the model"

@@ -8,8 +8,11 @@ import shapely
 from pydantic import AfterValidator, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
+from autonomy.config_file import shown
+from autonomy.endpoints import check_endpoint
+
 ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD"
-LOCATOR_FORMS = "a zenoh locator such as tcp/shore.example.org:7447 or tls/shore.example.org:7447"
+LOCATOR_FORMS = "PROTOCOL/HOST:PORT with protocol tcp, udp, tls, quic or ws"
 AREA_FORMS = "at least 3 [latitude, longitude] pairs in order round the area, or a file of GeoJSON polygons"
 _MAXIMUM_SPAN_DEG = 20.0
 
@@ -28,14 +31,16 @@ def _endpoint(value: str) -> str:
     if serial and int(serial[1]) > 0:
         return value
     fault = "the port must be from 1 to 65535" if network else "not an endpoint"
-    raise PydanticCustomError("endpoint", "{fault} (got {value})", {"fault": fault, "value": repr(value)})
+    raise PydanticCustomError("endpoint", "{fault} (got {value})", {"fault": fault, "value": shown(value)})
 
 
 def _locator(value: str) -> str:
-    match = re.fullmatch(r"(?:tcp|udp|tls|quic|ws)/\S+:(\d{1,5})(?:[?#]\S*)?", value)
-    if match is None or not 1 <= int(match[1]) <= 65535:
-        raise PydanticCustomError("locator", "not a locator (got {value})", {"value": repr(value)})
-    return value
+    try:
+        return check_endpoint(value)
+    except ValueError:
+        raise PydanticCustomError(
+            "locator", "not a zenoh endpoint (got {value})", {"value": shown(value)}
+        ) from None
 
 
 def _simple_polygon(corners: list[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -58,7 +63,7 @@ def _simple_polygon(corners: list[tuple[float, float]]) -> list[tuple[float, flo
         return corners
     reason = shapely.is_valid_reason(polygon)
     crossing = re.fullmatch(r"Self-intersection\[(\S+) (\S+)\]", reason)
-    if crossing:
+    if polygon.convex_hull.area > 0.0 and crossing:
         fault = f"its outline crosses itself at [{float(crossing[2]):.6g}, {float(crossing[1]):.6g}]"
     else:
         fault = "it encloses no area, or touches itself"
