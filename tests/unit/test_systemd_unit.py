@@ -1,0 +1,89 @@
+"""The unit file: what systemd is told, and that systemd and the command line understand it."""
+
+import argparse
+import shlex
+import shutil
+import subprocess
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+from autonomy.config_cli import EXIT_CONFIGURATION
+from autonomy.shell import run_cli
+
+UNIT = Path(__file__).parents[2] / "systemd" / "halocline@.service"
+DROP_IN = UNIT.with_name("serial.conf")
+
+
+def settings(file: Path) -> dict[str, list[str]]:
+    """Every assignment as SECTION.KEY: values in order."""
+    found: defaultdict[str, list[str]] = defaultdict(list)
+    section = ""
+    for line in file.read_text().splitlines():
+        if line.startswith("["):
+            section = line.strip("[]")
+        elif line and not line.startswith("#"):
+            key, _, value = line.partition("=")
+            found[f"{section}.{key}"].append(value)
+    return dict(found)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("Unit.StartLimitIntervalSec", "0"),
+        ("Service.Type", "notify"),
+        ("Service.Restart", "always"),
+        ("Service.RestartSec", "2"),
+        ("Service.RestartPreventExitStatus", str(EXIT_CONFIGURATION)),
+        ("Service.WatchdogSec", "10"),
+        ("Service.DynamicUser", "yes"),
+        ("Service.StateDirectory", "halocline/%i"),
+    ],
+)
+def test_an_unattended_boat_never_gives_up_but_over_its_configuration(key: str, value: str) -> None:
+    assert settings(UNIT)[key] == [value]
+
+
+def test_linear_algebra_stays_on_one_thread() -> None:
+    environment = settings(UNIT)["Service.Environment"]
+    assert {"OMP_NUM_THREADS=1", "OPENBLAS_NUM_THREADS=1", "MKL_NUM_THREADS=1"} <= set(environment)
+
+
+def test_the_command_line_is_one_that_the_service_takes() -> None:
+    (command,) = settings(UNIT)["Service.ExecStart"]
+    program, verb, *words = shlex.split(command.replace("%i", "boat1"))
+    parser = argparse.ArgumentParser()
+    run_cli.add_arguments(parser)
+    assert (Path(program).name, verb) == ("autonomy", "run")
+    assert parser.parse_args(words).config == "/etc/halocline/boat1.yaml"
+
+
+def verdict(folder: Path, unit_text: str, drop_in_text: str) -> str:
+    """What systemd has to say about the unit with its drop-in; empty if all is well."""
+    analyze = shutil.which("systemd-analyze")
+    if analyze is None:
+        pytest.skip("systemd-analyze is not installed")
+    # The program at ExecStart must exist, and the installed one does not exist here.
+    program = shutil.which("true") or "/bin/true"
+    unit = folder / UNIT.name
+    unit.write_text(unit_text.replace("/opt/halocline/bin/autonomy", program))
+    drop_in = folder / f"{UNIT.name}.d" / DROP_IN.name
+    drop_in.parent.mkdir()
+    drop_in.write_text(drop_in_text)
+    verify = [analyze, "verify", "--man=no", "--recursive-errors=no", str(unit)]
+    done = subprocess.run(verify, capture_output=True, text=True, timeout=60, check=False)
+    return done.stdout + done.stderr
+
+
+def test_systemd_understands_the_unit_and_its_drop_in(tmp_path: Path) -> None:
+    assert verdict(tmp_path, UNIT.read_text(), DROP_IN.read_text()) == ""
+
+
+def test_systemd_would_notice_a_misspelt_setting_in_either(tmp_path: Path) -> None:
+    unit = UNIT.read_text().replace("WatchdogSec", "WatchdogSecs")
+    drop_in = DROP_IN.read_text().replace("SupplementaryGroups", "SupplementaryGroup")
+    said = verdict(tmp_path, unit, drop_in)
+    assert "WatchdogSecs" in said
+    assert "'SupplementaryGroup'" in said
