@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from autonomy.geometry import FloatArray, path_length_m
 
 
@@ -20,7 +23,7 @@ class Plan:
 
     start_m: FloatArray
     route_m: FloatArray
-    is_spot: FloatArray
+    is_spot: NDArray[np.bool_]
     mutual_information: float
     planner: str
     reason: str
@@ -28,7 +31,7 @@ class Plan:
     @property
     def spots_m(self) -> FloatArray:
         """The sampling spots in sailing order, shape (n, 2)."""
-        spots: FloatArray = self.route_m[self.is_spot.astype(bool)]
+        spots: FloatArray = self.route_m[np.asarray(self.is_spot, dtype=bool)]
         return spots
 
     @property
