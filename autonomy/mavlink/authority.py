@@ -177,7 +177,7 @@ class Authority:
     def _refusal(self) -> str:
         if self.on_board is OnBoard.FOREIGN:
             return f"{self.on_board.value}: set mavlink.adopt: true to replace it"
-        return self.on_board.value
+        return str(self.on_board.value)
 
     def _explain(self, state: VehicleState, situation: Situation) -> str:
         if situation is Situation.UNSUPPORTED:

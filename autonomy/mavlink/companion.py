@@ -1,4 +1,4 @@
-"""What a well-mannered onboard controller says: its heartbeat, its wishes for streams, words to the operator."""
+"""What a well-mannered onboard controller says: heartbeat, wishes for streams, words to the operator."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
