@@ -58,10 +58,6 @@ class VehicleSection(Section):
         description="name of the vehicle; people ashore follow usv/NAME/… on zenoh",
         json_schema_extra={"allowed": "1 to 32 letters, digits, - and _"},
     )
-    cruise_speed_mps: Positive = Field(
-        default=1.5,
-        description="speed over ground under way, as set on the autopilot (WP_SPEED); used to look ahead",
-    )
 
 
 class MavlinkSection(Section):

@@ -122,7 +122,7 @@ def test_numbers_are_read_as_people_mean_them(tmp_path: Path) -> None:
     file = tmp_path / "boat.yaml"
     file.write_text(
         AREA + "model: {novelty: 1e-3, jitter: 1.E-6, capacity: 1_000, history_cells: 2000}\n"
-        "sensor: {minimum: -.inf, maximum: +.5}\nvehicle: {cruise_speed_mps: 2}\nmavlink: {adopt: on}\n"
+        "sensor: {minimum: -.inf, maximum: +.5}\nmavlink: {adopt: on, position_rate_hz: 2}\n"
     )
     configuration = load(file, {})
     assert configuration.model.novelty == 1e-3
@@ -130,7 +130,7 @@ def test_numbers_are_read_as_people_mean_them(tmp_path: Path) -> None:
     assert configuration.model.capacity == 1000
     assert configuration.sensor.minimum == -math.inf
     assert configuration.sensor.maximum == 0.5
-    assert configuration.vehicle.cruise_speed_mps == 2.0
+    assert configuration.mavlink.position_rate_hz == 2.0
     assert configuration.mavlink.adopt is True
 
 

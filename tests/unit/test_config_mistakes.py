@@ -74,15 +74,15 @@ BROKEN = {
         AREA + "sensor: {minimum: .nan}\n", "3:10", "sensor.minimum", "must be a number, not .nan"
     ),
     "infinite": Broken(
-        AREA + "vehicle: {cruise_speed_mps: .inf}\n",
+        AREA + "mavlink: {position_rate_hz: .inf}\n",
         "3:11",
-        "vehicle.cruise_speed_mps",
+        "mavlink.position_rate_hz",
         "must be a finite number (got inf)",
     ),
     "overflowing": Broken(
-        AREA + "vehicle: {cruise_speed_mps: 1e999}\n",
+        AREA + "mavlink: {position_rate_hz: 1e999}\n",
         "3:11",
-        "vehicle.cruise_speed_mps",
+        "mavlink.position_rate_hz",
         "must be a finite number (got inf)",
     ),
     "bad choice": Broken(
