@@ -1,0 +1,106 @@
+"""Who has the boat, as scripts of what the vehicle does."""
+
+from dataclasses import replace
+
+import pytest
+
+from autonomy.mavlink.authority import Authority, Command, OnBoard, mode_name
+from autonomy.mavlink.telemetry import VehicleState
+
+HOLD = VehicleState(1, 1, autopilot=3, vehicle_type=11, mode=4, armed=False, system_status=3)
+AUTO = replace(HOLD, mode=10, armed=True, system_status=4)
+MANUAL = replace(AUTO, mode=0)
+CRITICAL = replace(AUTO, system_status=5)
+
+
+def started() -> Authority:
+    authority = Authority(adopt=False)
+    authority.mission_read(OnBoard.EMPTY)
+    authority.upload_verified()
+    authority.observe(AUTO)
+    assert authority.in_command
+    return authority
+
+
+@pytest.mark.parametrize("on_board", [OnBoard.EMPTY, OnBoard.OURS])
+def test_before_the_first_auto_one_mission_is_put_on_board(on_board: OnBoard) -> None:
+    authority = Authority(adopt=False)
+    assert not authority.decide(HOLD).allowed, "the mission on board is not known yet"
+    authority.mission_read(on_board)
+    assert authority.decide(HOLD).allowed
+    authority.upload_verified()
+    permission = authority.decide(HOLD)
+    assert not permission.allowed
+    assert "operator to arm and select AUTO" in permission.reason
+    assert not authority.survey_started
+
+
+def test_a_mission_we_do_not_know_is_never_overwritten() -> None:
+    authority = Authority(adopt=False)
+    authority.mission_read(OnBoard.FOREIGN)
+    for state in (HOLD, AUTO, MANUAL):
+        permission = authority.decide(state)
+        assert not permission.allowed
+        assert "adopt" in permission.reason
+    assert not authority.survey_started
+
+
+def test_unless_we_may_adopt_it() -> None:
+    authority = Authority(adopt=True)
+    authority.mission_read(OnBoard.FOREIGN)
+    assert authority.decide(HOLD).allowed
+    assert authority.decide(AUTO).allowed
+
+
+def test_in_auto_we_may_upload_until_the_operator_takes_the_boat() -> None:
+    authority = started()
+    assert authority.decide(AUTO).allowed
+    permission = authority.decide(MANUAL)
+    assert (permission.allowed, authority.command) == (False, Command.YIELDED)
+    assert "the operator has the boat (MANUAL)" in permission.reason
+    assert authority.survey_started
+    assert authority.decide(AUTO).allowed, "AUTO is back"
+
+
+@pytest.mark.parametrize("status", [5, 6, 7, 8])
+def test_a_failsafe_has_the_boat_even_in_auto(status: int) -> None:
+    authority = started()
+    permission = authority.decide(replace(AUTO, system_status=status))
+    assert not permission.allowed
+    assert "failsafe" in permission.reason
+    assert authority.command is Command.YIELDED
+
+
+def test_disarming_in_auto_is_a_takeover_too() -> None:
+    authority = started()
+    assert "disarmed" in authority.decide(replace(AUTO, armed=False)).reason
+    assert authority.command is Command.YIELDED
+
+
+def test_a_mission_that_is_not_ours_any_more_ends_our_permission() -> None:
+    authority = started()
+    for on_board in (OnBoard.FOREIGN, OnBoard.EMPTY, OnBoard.UNREAD):
+        authority.mission_read(on_board)
+        assert not authority.decide(AUTO).allowed
+
+
+def test_an_upload_of_ours_that_died_may_be_mended() -> None:
+    authority = started()
+    authority.upload_failed(on_board_unknown=True)
+    assert authority.decide(AUTO).allowed
+    waiting = Authority(adopt=False)
+    waiting.mission_read(OnBoard.EMPTY)
+    waiting.upload_failed(on_board_unknown=True)
+    assert waiting.decide(HOLD).allowed
+
+
+def test_other_autopilots_are_named_and_left_alone() -> None:
+    authority = Authority(adopt=True)
+    authority.mission_read(OnBoard.EMPTY)
+    assert "unsupported autopilot PX4" in authority.decide(replace(HOLD, autopilot=12)).reason
+    assert "unsupported vehicle type 2" in authority.decide(replace(HOLD, vehicle_type=2)).reason
+    assert not authority.decide(replace(HOLD, autopilot=12)).allowed
+
+
+def test_modes_have_names() -> None:
+    assert (mode_name(10), mode_name(12), mode_name(99)) == ("AUTO", "SMART_RTL", "mode 99")
