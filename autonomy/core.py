@@ -1,0 +1,341 @@
+"""The core: ties the rooms together and owns all state. It decides; its shell does.
+
+`Core.handle(now, event) -> effects` is synchronous and reads no clock, socket or file. `now` is protocol time (the
+process's monotonic clock); model time comes from the vehicle's own clock inside its messages.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from autonomy import jobs
+from autonomy.config import Configuration
+from autonomy.effects import Effect, Level, SendMessage, StartJob
+from autonomy.events import Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived, StopRequested
+from autonomy.exploration import Decision, Exploration, Figures, Trigger
+from autonomy.helm import Helm
+from autonomy.learning.kernel import Hyperparameters
+from autonomy.learning.learner import Learner
+from autonomy.mavlink.authority import Command, mode_name
+from autonomy.mavlink.telemetry import Observation
+from autonomy.planning.passage import Unreachable, passage_of
+from autonomy.planning.plan import Plan
+from autonomy.planning.planners import PlanRequest
+from autonomy.planning.survey import SurveyArea
+from autonomy.reporting import Reporter
+from autonomy.sampling import SampleGate
+from autonomy.wire import HealthNotice, ModelSnapshot
+
+JOB_RETRY_S = 5.0
+"""Pause after a job without a plan, doubled with every further one up to 32 times as long."""
+
+UPLOAD_S = 0.3
+"""Protocol time from a finished plan to the vessel following it, on a good link."""
+
+
+class State(Enum):
+    """What the service is doing; the value is how it is said to a person."""
+
+    WAITING_FOR_VEHICLE = "waiting for vehicle"
+    EXPLORING = "exploring"
+    YIELDED = "yielded"
+
+
+@dataclass(frozen=True)
+class _Job:
+    job_id: int
+    decision: Decision
+    started: float
+
+
+class Core:
+    """The decisions of one survey; see the module's description."""
+
+    def __init__(self, configuration: Configuration, survey: SurveyArea) -> None:
+        self._configuration = configuration
+        self._survey = survey
+        # Built now, not when a way is first needed: it takes a second, and then the vessel is at sea.
+        self._passage = passage_of(survey)
+        self._helm = Helm(configuration, survey.frame)
+        self._gate = SampleGate(survey, configuration.sampling, configuration.sensor)
+        self._learner = _learner(configuration, survey.span_m)
+        self._exploration = Exploration(configuration.exploration, configuration.model.capacity)
+        self._reporter = Reporter(configuration, survey)
+        self._effects: list[Effect] = []
+        self._job: _Job | None = None
+        self._jobs_started = 0
+        self._failed_in_a_row = 0
+        self._plan_not_before = 0.0
+        self._planning_s = 1.0
+        self._plans = 0
+        self._state = State.WAITING_FOR_VEHICLE
+        self._reason = "nothing heard from the autopilot yet"
+        self._stopping = False
+
+    def handle(self, now: float, event: Event) -> list[Effect]:
+        """Take in one event at protocol time `now`; returns what the shell shall do, in order."""
+        match event:
+            case MessageReceived(message):
+                observations, replies = self._helm.handle(now, message)
+                self._send(replies)
+                for observation in observations:
+                    self._observe(observation)
+            case JobFinished(job_id, result):
+                self._finish(now, job_id, result)
+            case JobFailed(job_id, reason):
+                self._fail(now, job_id, reason)
+            case LinkUp():
+                self._helm.link_changed()
+                self._reporter.log(Level.INFO, "link to the vehicle is open")
+            case LinkDown(reason):
+                self._helm.link_changed()
+                self._reporter.log(Level.WARNING, f"link to the vehicle is gone: {reason}")
+            case StopRequested():
+                self._stop(now)
+        if not self._stopping:
+            self._step(now)
+        effects = self._effects + self._reporter.take()
+        self._effects = []
+        return effects
+
+    def next_deadline(self) -> float:
+        """Protocol time at which `handle(now, DeadlineReached())` must be called at the latest."""
+        return min(self._helm.next_deadline(), self._reporter.next_deadline())
+
+    # What comes in --------------------------------------------------------------------------------------------
+
+    def _observe(self, observation: Observation) -> None:
+        vehicle = self._helm.state
+        point = self._gate.admit(
+            observation,
+            survey_started=self._helm.authority.survey_started,
+            speed_mps=(vehicle.groundspeed_mps or 0.0) if vehicle is not None else 0.0,
+        )
+        if point is not None:
+            self._learner.add(point, observation.value, observation.model_time_s)
+            self._reporter.observed(observation)
+
+    def _finish(self, now: float, job_id: int, result: jobs.ExploreResult) -> None:
+        job = self._job
+        if job is None or job.job_id != job_id:
+            return
+        self._job = None
+        self._planning_s += 0.5 * (now - job.started - self._planning_s)
+        if result.reestimate is not None:
+            self._learner.adopt(result.reestimate)
+            self._exploration.reestimated(self._model_time_s)
+            self._reporter.log(
+                Level.INFO, _told(result.reestimate.hyperparameters, result.reestimate.prior_mean)
+            )
+        else:
+            self._learner.mark()
+        if result.plan is None:
+            self._postpone(now, f"no plan: {result.problem}")
+            return
+        self._failed_in_a_row = 0
+        if self._yielded:
+            self._reporter.log(Level.INFO, "the new plan is dropped: the operator has the boat")
+        else:
+            self._adopt(result.plan)
+
+    def _adopt(self, plan: Plan) -> None:
+        self._plans += 1
+        plan = self._joined(plan)
+        self._helm.offer(plan)
+        self._reporter.planned(plan, self._plans)
+        text = f"plan {self._plans} ({plan.reason}): {len(plan.spots_m)} spots, {plan.length_m / 1e3:.1f} km"
+        self._reporter.log(Level.INFO, f"{text}, {plan.mutual_information:.2f} nats")
+        self._send(self._helm.say(f"halocline: plan {self._plans}, {plan.length_m / 1e3:.1f} km"))
+
+    def _joined(self, plan: Plan) -> Plan:
+        """The plan from where the vessel is now: it may have left the plan's start, and land may lie between."""
+        here = self._helm.position_m
+        if here is None or self._survey.leg_is_clear(here, plan.route_m[0]):
+            return plan
+        try:
+            way = self._passage.path(here, plan.route_m[0])[1:-1]
+        except Unreachable:
+            return plan
+        is_spot = np.concatenate([np.zeros(len(way), dtype=bool), plan.is_spot])
+        return replace(plan, start_m=here, route_m=np.vstack([way, plan.route_m]), is_spot=is_spot)
+
+    def _fail(self, now: float, job_id: int, reason: str) -> None:
+        if self._job is None or self._job.job_id != job_id:
+            return
+        self._job = None
+        self._learner.withdraw_request()
+        self._postpone(now, f"the planning job failed: {reason}")
+
+    def _postpone(self, now: float, problem: str) -> None:
+        pause_s = JOB_RETRY_S * 2 ** min(self._failed_in_a_row, 5)
+        self._failed_in_a_row += 1
+        self._plan_not_before = now + pause_s
+        self._reporter.log(Level.WARNING, f"{problem}; trying again in {pause_s:.0f} s")
+
+    def _stop(self, now: float) -> None:
+        self._stopping = True
+        self._send(self._helm.say("halocline: service stops"))
+        self._reporter.log(Level.INFO, "stopping")
+        self._reporter.flush(self._health(now), self._snapshot)
+
+    # What time and state ask for ------------------------------------------------------------------------------
+
+    def _step(self, now: float) -> None:
+        self._send(self._helm.step(now))
+        for note in self._helm.dispatch.take_notes():
+            self._reporter.log(Level.INFO, note)
+        self._look(now)
+        if self._job is None and now >= self._plan_not_before:
+            decision = self._decide()
+            if decision is not None:
+                self._start(now, decision)
+        self._reporter.step(now, lambda: self._health(now), self._snapshot)
+
+    def _look(self, now: float) -> None:
+        """What we are doing, and why; said once when it changes."""
+        state, reason = self._situation(now)
+        if state is State.YIELDED and self._state is not State.YIELDED:
+            self._send(self._helm.dispatch.withdraw())
+        if (state, reason) != (self._state, self._reason):
+            self._reporter.log(Level.INFO, f"{state.value}: {reason}")
+        self._state, self._reason = state, reason
+
+    def _situation(self, now: float) -> tuple[State, str]:
+        vehicle = self._helm.state
+        if vehicle is None:
+            return State.WAITING_FOR_VEHICLE, "nothing heard from the autopilot yet"
+        if self._helm.telemetry.lost(now):
+            return State.WAITING_FOR_VEHICLE, "the autopilot has fallen silent"
+        if self._yielded:
+            return State.YIELDED, self._helm.authority.reason
+        if not self._helm.authority.survey_started:
+            return State.WAITING_FOR_VEHICLE, self._helm.authority.reason
+        return State.EXPLORING, self._helm.authority.reason
+
+    def _decide(self) -> Decision | None:
+        helm = self._helm
+        if helm.position_m is None or helm.dispatch.busy or not helm.upload_allowed():
+            return None
+        if not helm.authority.survey_started or not helm.sailing_ours:
+            return Decision(Trigger.FIRST_PLAN, False, Trigger.FIRST_PLAN.value)
+        return self._exploration.decide(self._figures())
+
+    def _figures(self) -> Figures:
+        return Figures(
+            model_time_s=self._model_time_s,
+            basis_size=len(self._learner.basis),
+            fresh=self._learner.fresh_count,
+            replaced=self._learner.replaced_since_mark,
+            path_finished=self._helm.path_finished,
+        )
+
+    def _start(self, now: float, decision: Decision) -> None:
+        self._jobs_started += 1
+        configuration = self._configuration
+        seed = configuration.seed + self._jobs_started
+        estimate = None
+        if decision.reestimate and self._learner.born:
+            estimate = self._learner.reestimate_request(seed, configuration.estimation)
+        plan = PlanRequest(
+            model=self._learner.model(),
+            start_m=self._helm.expected_point_m(self._planning_s + UPLOAD_S),
+            spots=configuration.planning.spots,
+            lattice=configuration.planning.lattice,
+            reason=decision.reason,
+            seed=seed,
+        )
+        self._job = _Job(self._jobs_started, decision, now)
+        request = jobs.ExploreRequest(estimate, configuration.planning.planner, plan)
+        self._effects.append(
+            StartJob(self._jobs_started, jobs.EXPLORE, request, configuration.planning.deadline_s)
+        )
+
+    # What goes out --------------------------------------------------------------------------------------------
+
+    @property
+    def system_id(self) -> int | None:
+        """The vehicle's system id, which is ours too; None until it is known."""
+        return None if self._helm.state is None else self._helm.state.system_id
+
+    @property
+    def _yielded(self) -> bool:
+        return self._helm.authority.command is Command.YIELDED
+
+    @property
+    def _model_time_s(self) -> float:
+        vehicle = self._helm.state
+        return 0.0 if vehicle is None or vehicle.model_time_s is None else vehicle.model_time_s
+
+    def _send(self, messages: Sequence[Any]) -> None:
+        self._effects.extend(SendMessage(message) for message in messages)
+
+    def _snapshot(self, sequence: int) -> ModelSnapshot:
+        offset_s = self._helm.telemetry.utc_offset_s
+        return ModelSnapshot(
+            vehicle=self._configuration.vehicle.name,
+            sequence=sequence,
+            software_version=version("halocline"),
+            variable=self._configuration.sensor.variable,
+            units=self._configuration.sensor.units,
+            model=self._learner.model(),
+            model_time_s=self._model_time_s,
+            utc_s=None if offset_s is None else self._model_time_s + offset_s,
+            samples=self._learner.samples,
+            rho=self._exploration.rho(self._figures()),
+            replans=self._plans,
+            origin_lat_deg=self._survey.frame.origin_lat_deg,
+            origin_lon_deg=self._survey.frame.origin_lon_deg,
+            bounds_m=self._survey.bounds,
+        )
+
+    def _health(self, now: float) -> HealthNotice:
+        vehicle = self._helm.state
+        return HealthNotice(
+            state=self._state.name.lower(),
+            reason=self._reason,
+            mode="unknown" if vehicle is None else mode_name(vehicle.mode),
+            armed=vehicle is not None and vehicle.armed,
+            lat_deg=None if vehicle is None else vehicle.lat_deg,
+            lon_deg=None if vehicle is None else vehicle.lon_deg,
+            heading_deg=None if vehicle is None else vehicle.heading_deg,
+            groundspeed_mps=None if vehicle is None else vehicle.groundspeed_mps,
+            model_time_s=None if vehicle is None else vehicle.model_time_s,
+            samples=self._learner.samples,
+            basis_size=len(self._learner.basis),
+            rho=self._exploration.rho(self._figures()),
+            rho0=self._configuration.exploration.rho0,
+            replans=self._plans,
+            distance_m=self._helm.distance_m,
+            clock_rate=self._helm.telemetry.clock_rate,
+            link_ok=vehicle is not None and not self._helm.telemetry.lost(now),
+            worker_busy=self._job is not None,
+            dropped=0,
+        )
+
+
+def _learner(configuration: Configuration, span_m: float) -> Learner:
+    model = configuration.model
+    given = model.hyperparameters
+    return Learner(
+        span_m,
+        capacity=model.capacity,
+        novelty=model.novelty,
+        jitter=model.jitter,
+        centring_samples=model.centring_samples,
+        history_cells=model.history_cells,
+        hyperparameters=None
+        if given is None
+        else Hyperparameters(given.signal_variance, given.noise_variance, given.lengthscales_m),
+    )
+
+
+def _told(h: Hyperparameters, prior_mean: float) -> str:
+    scales = " x ".join(f"{scale:.0f}" for scale in h.lengthscales_m)
+    return (
+        f"re-estimated: mean {prior_mean:.3f}, signal sd {h.signal_variance**0.5:.3g}, "
+        f"length-scales {scales} m, noise sd {h.noise_variance**0.5:.3g}"
+    )

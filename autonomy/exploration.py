@@ -1,0 +1,92 @@
+"""Algorithm 1 of Ma, Liu & Sukhatme 2017, live: when to re-estimate the hyperparameters and when to re-plan.
+
+The paper runs its algorithm as a loop over path points. Here the same decisions are taken whenever something
+has changed: `Exploration.decide` looks at the figures of the moment and says whether it is time.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from autonomy.config import ExplorationSection
+
+
+class Trigger(Enum):
+    """Why a new plan is wanted; the value is how it is said to a person."""
+
+    FIRST_PLAN = "first plan"
+    NOVELTY = "rho exceeded rho0"
+    PATH_FINISHED = "path finished"
+    MAXIMUM_INTERVAL = "maximum interval passed"
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What the decision looks at.
+
+    Attributes:
+        model_time_s: the vehicle's clock.
+        basis_size: number of basis vectors.
+        fresh: how many of them were added since the mark set by the last plan.
+        replaced: how many replacements there were since then.
+        path_finished: the mission on board, ours, has been sailed to its end.
+    """
+
+    model_time_s: float
+    basis_size: int
+    fresh: int
+    replaced: int
+    path_finished: bool
+
+
+@dataclass(frozen=True)
+class Decision:
+    """It is time: plan anew, and re-estimate first or not."""
+
+    trigger: Trigger
+    reestimate: bool
+    reason: str
+
+
+class Exploration:
+    """The stopping rule of one path: rho, the finished path and the maximum interval."""
+
+    def __init__(self, section: ExplorationSection, capacity: int) -> None:
+        self._section = section
+        self._capacity = capacity
+        self._last_reestimate_s: float | None = None
+
+    def rho(self, figures: Figures) -> float:
+        """The paper's rho, in [0, 1].
+
+        `added`: share of the present basis vectors that are new since the last re-estimate (section III-D of the
+        paper, in words). `replaced`: the pseudo-code read literally, where only a replacement increases rho.
+        """
+        if self._section.rho_rule == "replaced":
+            return min(1.0, figures.replaced / self._capacity)
+        return figures.fresh / figures.basis_size if figures.basis_size else 0.0
+
+    def decide(self, figures: Figures) -> Decision | None:
+        """Whether it is time for a new plan, the strongest reason first; None while the path goes on."""
+        section = self._section
+        rho = self.rho(figures)
+        grown = figures.basis_size >= section.minimum_basis
+        if grown and rho > section.rho0:
+            return Decision(Trigger.NOVELTY, True, f"rho {rho:.2f} > {section.rho0:.2f}")
+        if figures.path_finished:
+            return Decision(
+                Trigger.PATH_FINISHED, section.reestimate_on_path_end, Trigger.PATH_FINISHED.value
+            )
+        waited_s = figures.model_time_s - self._since(figures)
+        if section.maximum_interval_s is not None and grown and waited_s > section.maximum_interval_s:
+            return Decision(Trigger.MAXIMUM_INTERVAL, True, f"{waited_s:.0f} s since the last re-estimate")
+        return None
+
+    def reestimated(self, model_time_s: float) -> None:
+        """A re-estimate was adopted at this model time."""
+        self._last_reestimate_s = model_time_s
+
+    def _since(self, figures: Figures) -> float:
+        if self._last_reestimate_s is None:
+            # The clock starts with the first figures: an interval counts from when there was something to learn.
+            self._last_reestimate_s = figures.model_time_s
+        return self._last_reestimate_s

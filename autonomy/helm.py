@@ -1,0 +1,163 @@
+"""The vehicle as the core sees it: where it is, who commands it, which mission it sails, and how to send it another."""
+
+import math
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autonomy.config import Configuration
+from autonomy.dispatch import Dispatched, MissionDispatch
+from autonomy.geometry import FloatArray, LocalFrame, advance_along
+from autonomy.mavlink.authority import Authority, OnBoard
+from autonomy.mavlink.companion import StreamRequests, heartbeat, status_text, wanted_streams
+from autonomy.mavlink.mission import Route, time_scale, waypoint
+from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
+from autonomy.planning.plan import Plan
+
+HEARTBEAT_S = 1.0
+
+
+class Helm:
+    """Everything said to and heard from the autopilot, above the protocol machines."""
+
+    def __init__(self, configuration: Configuration, frame: LocalFrame) -> None:
+        self._mavlink = configuration.mavlink
+        self._frame = frame
+        self.telemetry = Telemetry(
+            configuration.sensor.message_name,
+            pairing_gap_s=configuration.sampling.pairing_gap_s,
+            link_timeout_s=configuration.mavlink.link_timeout_s,
+        )
+        self.authority = Authority(adopt=configuration.mavlink.adopt)
+        self.dispatch = MissionDispatch(self.authority)
+        self.distance_m = 0.0
+        self._position_m: FloatArray | None = None
+        self._streams: StreamRequests | None = None
+        self._heartbeat_due = 0.0
+        self._last_reached = 0
+
+    @property
+    def state(self) -> VehicleState | None:
+        """The vehicle, once its autopilot is known."""
+        return self.telemetry.state
+
+    @property
+    def position_m(self) -> FloatArray | None:
+        """Where the vessel is, shape (2,), local metres."""
+        return self._position_m
+
+    @property
+    def sailing_ours(self) -> bool:
+        """Whether we have the boat and it sails a verified mission of ours."""
+        ours = self.authority.on_board is OnBoard.OURS and self.dispatch.active is not None
+        return ours and self.authority.in_command
+
+    @property
+    def path_finished(self) -> bool:
+        """Whether the verified mission on board has been sailed to its end and nothing newer is on its way."""
+        if self.state is None or self.dispatch.active is None or not self.sailing_ours or self.dispatch.busy:
+            return False
+        return self.state.mission_state == mavlink.MISSION_STATE_COMPLETE or self._last_reached >= len(
+            self.dispatch.active.items
+        )
+
+    def upload_allowed(self) -> bool:
+        """Whether a mission may be uploaded now."""
+        return self.state is not None and self.authority.decide(self.state).allowed
+
+    def remaining_route_m(self) -> FloatArray:
+        """From the vessel along the mission it sails, shape (k, 2); the vessel alone when it sails none of ours.
+
+        Raises:
+            RuntimeError: the vessel's position is not known yet.
+        """
+        if self._position_m is None:
+            raise RuntimeError("the vessel's position is not known yet")
+        here = self._position_m.reshape(1, 2)
+        if self.state is None or self.dispatch.active is None or not self.sailing_ours:
+            return here
+        # Item 0 is home, so waypoint k of the mission is row k - 1 of the route.
+        return np.vstack(
+            [here, self.dispatch.active.plan.route_m[max(0, (self.state.mission_current or 1) - 1) :]]
+        )
+
+    def expected_point_m(self, delay_s: float) -> FloatArray:
+        """Where the vessel will be after `delay_s` of protocol time, shape (2,), if it keeps to its mission."""
+        speed_mps = 0.0 if self.state is None else self.state.groundspeed_mps or 0.0
+        return advance_along(self.remaining_route_m(), speed_mps * delay_s * self.telemetry.clock_rate)
+
+    def offer(self, plan: Plan) -> None:
+        """Make this plan the next to bring on board."""
+        radius_m = self._mavlink.acceptance_radius_m
+        geodetic = self._frame.to_geodetic(plan.route_m).tolist()
+        items = tuple(waypoint(lat, lon, acceptance_radius_m=radius_m) for lat, lon in geodetic)
+        self.dispatch.offer(Dispatched(plan, items))
+
+    def say(self, text: str) -> list[Any]:
+        """A line to the operator's ground station; returns messages to send."""
+        return [status_text(text)]
+
+    def link_changed(self) -> None:
+        """The transport opened or closed, or the vehicle started again: what was under way is void."""
+        self.dispatch.forget()
+        self._streams = None
+
+    def handle(self, now: float, message: Any) -> tuple[list[Observation], list[Any]]:
+        """Take in one message; returns complete observations and messages to send."""
+        reboots = self.telemetry.reboots
+        observations = self.telemetry.handle(now, message)
+        if self.telemetry.reboots != reboots:
+            self.link_changed()
+        if self.state is None:
+            return observations, []
+        self._follow(message, self.state)
+        replies = [] if self._streams is None else self._streams.handle(now, message)
+        before = self.dispatch.active
+        replies += self.dispatch.handle(now, message)
+        if self.dispatch.active is not before:
+            self._last_reached = 0
+        return observations, replies
+
+    def step(self, now: float) -> list[Any]:
+        """Everything the clock asks for: heartbeat, stream requests, transfers; returns messages to send."""
+        scale = time_scale(self.telemetry.clock_rate)
+        sent = []
+        if now >= self._heartbeat_due:
+            sent.append(heartbeat(active=self.authority.in_command))
+            self._heartbeat_due = now + HEARTBEAT_S * scale
+        if self.state is None or self.telemetry.lost(now):
+            return sent
+        route = self._route(self.state)
+        if self._streams is None:
+            self._streams = StreamRequests(
+                wanted_streams(self._mavlink.position_rate_hz), route, time_scale=scale
+            )
+            sent += self._streams.start(now)
+        sent += self._streams.on_deadline(now)
+        return sent + self.dispatch.step(now, self.state, route, scale)
+
+    def next_deadline(self) -> float:
+        """When `step` must be called at the latest."""
+        asked = None if self._streams is None else self._streams.next_deadline()
+        deadlines = [self._heartbeat_due, asked, self.dispatch.next_deadline()]
+        return min(deadline for deadline in deadlines if deadline is not None)
+
+    def _route(self, state: VehicleState) -> Route:
+        return Route(state.system_id, self._mavlink.component_id, state.system_id, state.component_id)
+
+    def _follow(self, message: Any, state: VehicleState) -> None:
+        """Mode, position, progress and the mission's size, after a message was taken in."""
+        self.authority.observe(state)
+        kind = message.get_type()
+        if kind == "GLOBAL_POSITION_INT" and state.lat_deg is not None and state.lon_deg is not None:
+            point = self._frame.to_local(state.lat_deg, state.lon_deg)
+            if self._position_m is not None:
+                self.distance_m += math.hypot(*np.subtract(point, self._position_m))
+            self._position_m = point
+        elif kind == "MISSION_ITEM_REACHED":
+            self._last_reached = max([self._last_reached, *self.telemetry.take_reached()])
+        elif kind == "MISSION_CURRENT" and self.dispatch.active is not None and not self.dispatch.busy:
+            count = len(self.dispatch.active.items)
+            if state.mission_total is not None and state.mission_total not in (count, count + 1):
+                self.dispatch.doubt()

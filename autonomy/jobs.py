@@ -1,0 +1,57 @@
+"""The slow, pure functions that the worker process runs: job name -> function."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from autonomy.learning.learner import Reestimate, ReestimateRequest, reestimate
+from autonomy.planning.plan import Plan
+from autonomy.planning.planners import PLANNERS, PlanningError, PlanRequest
+from autonomy.planning.survey import SurveyArea
+
+EXPLORE = "explore"
+
+
+@dataclass(frozen=True)
+class ExploreRequest:
+    """One pass of Algorithm 1's slow part.
+
+    Attributes:
+        reestimate: what the re-estimate needs, or None to plan with the model in `plan`.
+        planner: name of the planner.
+        plan: the planning problem; its model is replaced by the re-estimated one, if there is one.
+    """
+
+    reestimate: ReestimateRequest | None
+    planner: str
+    plan: PlanRequest
+
+
+@dataclass(frozen=True)
+class ExploreResult:
+    """The re-estimated model, if one was asked for, and the plan, or why there is none."""
+
+    reestimate: Reestimate | None
+    plan: Plan | None
+    problem: str | None
+
+
+def explore(request: ExploreRequest, survey: SurveyArea) -> ExploreResult:
+    """Re-estimate, rebuild the model, plan. A failed plan does not cost the re-estimate."""
+    estimate = reestimate(request.reestimate) if request.reestimate is not None else None
+    problem = request.plan if estimate is None else replace(request.plan, model=estimate.gp.model())
+    try:
+        return ExploreResult(estimate, PLANNERS[request.planner](problem, survey), None)
+    except PlanningError as error:
+        return ExploreResult(estimate, None, str(error))
+
+
+_JOBS = {EXPLORE: explore}
+
+
+def run(name: str, request: Any, survey: SurveyArea) -> Any:
+    """Run the job called `name`.
+
+    Raises:
+        KeyError: there is no such job.
+    """
+    return _JOBS[name](request, survey)

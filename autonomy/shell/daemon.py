@@ -1,0 +1,141 @@
+"""The service: one asyncio loop that brings events to the core and carries out its effects.
+
+Nothing slow runs in the loop: jobs have a process of their own, zenoh has a thread.
+"""
+
+import asyncio
+import logging
+import os
+import signal
+from collections.abc import Hashable
+from typing import Any
+
+from autonomy.config import Configuration
+from autonomy.core import Core
+from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob
+from autonomy.events import (
+    DeadlineReached,
+    Event,
+    JobFailed,
+    JobFinished,
+    LinkDown,
+    LinkUp,
+    MessageReceived,
+    StopRequested,
+)
+from autonomy.mavlink.codec import Codec
+from autonomy.planning.survey import SurveyArea
+from autonomy.shell.publisher import Publisher
+from autonomy.shell.systemd import Notifier
+from autonomy.shell.transport import Transport
+from autonomy.shell.worker import Worker
+
+log = logging.getLogger("autonomy")
+
+_PROVISIONAL_SYSTEM_ID = 1
+"""Our system id until the vehicle's own is known; we take over the vehicle's."""
+
+
+class Daemon:
+    """The shell around one core, for one run of the service."""
+
+    def __init__(self, configuration: Configuration, survey: SurveyArea) -> None:
+        self._configuration = configuration
+        self._core = Core(configuration, survey)
+        self._codec = Codec(_PROVISIONAL_SYSTEM_ID, configuration.mavlink.component_id)
+        self._publisher = Publisher(configuration.vehicle.name, configuration.shore.connect)
+        self._worker = Worker(survey, on_finished=self._job_finished, on_failed=self._job_failed)
+        self._notifier = Notifier(os.environ)
+        self._transport: Transport | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._ended: asyncio.Future[None] | None = None
+
+    async def run(self) -> None:
+        """Run until SIGTERM or SIGINT.
+
+        Raises:
+            OSError: the endpoint's address can't be had.
+            Exception: whatever the core raised, which is a bug: the service manager starts us again.
+        """
+        loop = asyncio.get_running_loop()
+        self._ended = ended = loop.create_future()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self._stop)
+        self._publisher.start()
+        self._worker.start()
+        try:
+            self._transport = Transport.open(
+                self._configuration.mavlink.endpoint,
+                on_bytes=self._received,
+                on_up=lambda: self._happened(LinkUp()),
+                on_down=lambda reason: self._happened(LinkDown(reason)),
+            )
+            self._happened(DeadlineReached())
+            self._notifier.ready()
+            self._feed_watchdog()
+            log.info("listening for the vehicle at %s", self._configuration.mavlink.endpoint)
+            await ended
+        finally:
+            await self._close()
+
+    def _stop(self) -> None:
+        if self._ended is None or self._ended.done():
+            return
+        self._notifier.stopping()
+        self._happened(StopRequested())
+        if not self._ended.done():
+            self._ended.set_result(None)
+
+    async def _close(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._transport is not None:
+            await self._transport.close()
+        await self._worker.close()
+        await asyncio.to_thread(self._publisher.stop)
+        self._notifier.close()
+
+    def _received(self, data: bytes, peer: Hashable) -> None:
+        for message in self._codec.decode(data, peer):
+            self._happened(MessageReceived(message))
+
+    def _job_finished(self, job_id: int, result: Any) -> None:
+        self._happened(JobFinished(job_id, result))
+
+    def _job_failed(self, job_id: int, reason: str) -> None:
+        self._happened(JobFailed(job_id, reason))
+
+    def _happened(self, event: Event) -> None:
+        """Bring one event to the core and do what it asks; the end of this service if the core raises."""
+        if self._ended is None or self._ended.done():
+            return
+        loop = asyncio.get_running_loop()
+        try:
+            for effect in self._core.handle(loop.time(), event):
+                self._carry_out(effect)
+        except Exception as error:  # noqa: BLE001 -- whatever it is, the run is over and says so
+            self._ended.set_exception(error)
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = loop.call_at(self._core.next_deadline(), self._happened, DeadlineReached())
+
+    def _carry_out(self, effect: Effect) -> None:
+        match effect:
+            case SendMessage(message):
+                self._codec.system_id = self._core.system_id or _PROVISIONAL_SYSTEM_ID
+                if self._transport is not None:
+                    self._transport.send(self._codec.encode(message))
+            case StartJob(job_id, name, request, deadline_s):
+                self._worker.submit(job_id, name, request, deadline_s)
+            case Publish(topic, payload):
+                self._publisher.publish(topic, payload)
+            case Log(level, text):
+                log.log(level.value, "%s", text)
+
+    def _feed_watchdog(self) -> None:
+        """Tell the service manager that the loop turns: only a loop that runs its timers feeds it."""
+        period_s = self._notifier.watchdog_period_s
+        if period_s is not None and self._ended is not None and not self._ended.done():
+            self._notifier.watchdog()
+            asyncio.get_running_loop().call_later(period_s, self._feed_watchdog)

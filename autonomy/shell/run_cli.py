@@ -1,0 +1,73 @@
+"""`autonomy run`: the service on board."""
+
+import argparse
+import asyncio
+import faulthandler
+import logging
+import os
+import sys
+
+from autonomy.config import ConfigurationError
+from autonomy.config_cli import add_override_argument, load_with_survey, tell
+
+EXIT_SOFTWARE = 70
+EXIT_UNAVAILABLE = 69
+
+_SYSLOG_PRIORITY = {
+    logging.DEBUG: 7,
+    logging.INFO: 6,
+    logging.WARNING: 4,
+    logging.ERROR: 3,
+    logging.CRITICAL: 2,
+}
+
+
+class _JournalFormatter(logging.Formatter):
+    """Lines with systemd's priority prefix; the journal adds the time itself."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """One record, its priority on every line."""
+        priority = _SYSLOG_PRIORITY.get(record.levelno, 6)
+        return "\n".join(f"<{priority}>{line}" for line in super().format(record).splitlines())
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verb's arguments."""
+    parser.add_argument("--config", required=True, metavar="FILE", help="configuration in YAML")
+    add_override_argument(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run until SIGTERM; exit codes: 69 the link's address can't be had, 70 a bug of ours, 78 configuration."""
+    try:
+        loaded, survey = load_with_survey(arguments.config, arguments.overrides)
+    except ConfigurationError as error:
+        return tell(error)
+    _log_to_stderr(loaded.configuration.logging.level)
+    # The hung line is what one wants to know when the watchdog strikes with SIGABRT.
+    faulthandler.enable()
+    # zenoh and the learner take a while to import: a wrong configuration is told before.
+    from autonomy.shell.daemon import Daemon
+
+    log = logging.getLogger("autonomy")
+    try:
+        asyncio.run(Daemon(loaded.configuration, survey).run())
+    except OSError as error:
+        log.error("the link %s can't be opened: %s", loaded.configuration.mavlink.endpoint, error)
+        return EXIT_UNAVAILABLE
+    except Exception:
+        log.exception("the service ends over an error of its own")
+        return EXIT_SOFTWARE
+    log.info("stopped")
+    return 0
+
+
+def _log_to_stderr(level: str) -> None:
+    handler = logging.StreamHandler(sys.stderr)
+    in_journal = "JOURNAL_STREAM" in os.environ
+    handler.setFormatter(
+        _JournalFormatter("%(message)s")
+        if in_journal
+        else logging.Formatter("%(asctime)s %(levelname)-7s %(message)s", datefmt="%H:%M:%S")
+    )
+    logging.basicConfig(level=level.upper(), handlers=[handler])

@@ -1,0 +1,37 @@
+"""Command lines made of verbs: a verb's module is imported only when the verb is used, so `--help` stays quick."""
+
+import argparse
+import importlib
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+
+
+@dataclass(frozen=True)
+class Verb:
+    """One verb: `module` has `add_arguments(parser)` and `run(arguments) -> int`."""
+
+    module: str
+    summary: str
+
+
+def run_verb(program: str, about: str, verbs: Mapping[str, Verb], arguments: Sequence[str] | None) -> int:
+    """Parse `PROGRAM [VERB] …`, run the verb, return its exit code; usage mistakes exit with 2."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    width = max(map(len, verbs))
+    parser = argparse.ArgumentParser(
+        prog=program,
+        usage=f"{program} [-h] [--version] VERB …",
+        description=about,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="verbs:\n" + "\n".join(f"  {name:{width}}  {verb.summary}" for name, verb in verbs.items()),
+    )
+    parser.add_argument("--version", action="version", version=f"halocline {version('halocline')}")
+    parser.add_argument("verb", choices=list(verbs), metavar="VERB", help="one of the verbs below")
+    chosen = verbs[parser.parse_args(words[:1]).verb]
+    module = importlib.import_module(chosen.module)
+    verb_parser = argparse.ArgumentParser(prog=f"{program} {words[0]}", description=chosen.summary)
+    module.add_arguments(verb_parser)
+    code: int = module.run(verb_parser.parse_args(words[1:]))
+    return code

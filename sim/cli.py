@@ -1,0 +1,18 @@
+"""The verbs of `sim`."""
+
+from collections.abc import Sequence
+
+from autonomy.verbs import Verb, run_verb
+
+_VERBS = {
+    "vessel": Verb("sim.vessel_cli", "a simulated survey vessel that speaks MAVLink as ArduPilot Rover does"),
+    "demo": Verb(
+        "sim.demo_cli", "vessel, service and shore as three processes; a map is learned in two minutes"
+    ),
+    "mask": Verb("sim.mask_cli", "make the land polygons of a field as GeoJSON"),
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb; exit codes: 2 usage."""
+    return run_verb("sim", "A simulated ocean and vessel for halocline.", _VERBS, arguments)

@@ -1,0 +1,82 @@
+"""The operator's part in a demo: a ground station that arms the boat and selects AUTO once a mission is on board."""
+
+import asyncio
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autonomy.mavlink.authority import AUTO
+from autonomy.mavlink.codec import Codec
+from autonomy.mavlink.telemetry import Telemetry, VehicleState
+from autonomy.shell.transport import Transport
+
+_GROUND_STATION_ID = 255
+_TURN_S = 0.5
+
+
+class Operator:
+    """Connects to the vessel beside the service, starts the survey, and notes the track."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._endpoint = endpoint
+        self._codec = Codec(_GROUND_STATION_ID, mavlink.MAV_COMP_ID_MISSIONPLANNER)
+        self._telemetry = Telemetry("none")
+        self._transport: Transport | None = None
+        self.track_deg: list[tuple[float, float]] = []
+        self.started = False
+        """Whether the boat has been in AUTO, armed."""
+
+    @property
+    def state(self) -> VehicleState | None:
+        """The vehicle as the operator sees it."""
+        return self._telemetry.state
+
+    async def run(self) -> None:
+        """Keep the link; start the survey when it can be started. Ends by cancellation."""
+        self._transport = Transport.open(self._endpoint, self._received, lambda: None, lambda _reason: None)
+        try:
+            while True:
+                self._send(
+                    mavlink.MAVLink_heartbeat_message(
+                        mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+                    )
+                )
+                if not self.started:
+                    self._start_survey()
+                await asyncio.sleep(_TURN_S)
+        finally:
+            await self._transport.close()
+
+    def _received(self, data: bytes, peer: Any) -> None:
+        now = asyncio.get_running_loop().time()
+        for message in self._codec.decode(data, peer):
+            self._telemetry.handle(now, message)
+            state = self.state
+            if (
+                message.get_type() == "GLOBAL_POSITION_INT"
+                and state is not None
+                and state.lat_deg is not None
+            ):
+                assert state.lon_deg is not None
+                self.track_deg.append((state.lat_deg, state.lon_deg))
+
+    def _start_survey(self) -> None:
+        state = self.state
+        if state is None or not state.mission_total:
+            return
+        if state.armed and state.mode == AUTO:
+            self.started = True
+        elif not state.armed:
+            self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        else:
+            self._command(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, AUTO)
+
+    def _command(self, command: int, *parameters: float) -> None:
+        assert self.state is not None
+        padded = [*parameters, *[0.0] * (7 - len(parameters))]
+        target = (self.state.system_id, self.state.component_id)
+        self._send(mavlink.MAVLink_command_long_message(*target, command, 0, *padded))
+
+    def _send(self, message: Any) -> None:
+        if self._transport is not None:
+            self._transport.send(self._codec.encode(message))
