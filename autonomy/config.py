@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -52,6 +53,9 @@ __all__ = [
     "load_with_origins",
 ]
 
+MAXIMUM_FINDINGS = 200
+"""More mistakes than this in one file are counted, not listed."""
+
 _GEOJSON = "a file of GeoJSON polygons"
 
 
@@ -92,7 +96,10 @@ def load_with_origins(
     try:
         configuration = Configuration.model_validate(document.data)
     except ValidationError as error:
-        found = list(translate(error, document, Configuration))
+        found = list(islice(translate(error, document, Configuration), MAXIMUM_FINDINGS))
+        if error.error_count() > len(found):
+            what = f"{error.error_count() - len(found)} further mistakes are not listed"
+            problems.append(Problem(Origin(Source.FILE, document.file), "", what))
         problems += [finding.problem for finding in found]
         problems += _conflicts_among_the_rest(document, {path for finding in found for path in finding.paths})
         raise ConfigurationError(problems) from None

@@ -352,6 +352,16 @@ def test_a_conflict_with_a_value_that_is_itself_wrong_is_not_told(tmp_path: Path
     assert [problem.key for problem in caught.value.problems] == ["model.capacity"]
 
 
+def test_a_file_of_nothing_but_mistakes_is_not_listed_to_its_end(tmp_path: Path) -> None:
+    file = write(tmp_path, AREA + "".join(f"k{number}: {number}\n" for number in range(5000)))
+    with pytest.raises(ConfigurationError) as caught:
+        load(file, {})
+    assert len(caught.value.problems) == 201
+    assert str(caught.value).startswith(
+        f"{file}: 4800 further mistakes are not listed\n{file}:3:1: k0: unknown"
+    )
+
+
 def test_good_files_are_told_and_one_bad_one_spoils_the_exit_code(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
