@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.mavlink.codec import Codec
 from autonomy.mavlink.mission import MissionTransfer, Route, Verified, missions_equal, waypoint
@@ -54,6 +55,17 @@ class Run:
         for _, message in outgoing:
             self.down.send(self.now, self.theirs.encode(message))
 
+    def command(self, *fields: float) -> None:
+        """A COMMAND_LONG of the operator, over a good link."""
+        order = mavlink.MAVLink_command_long_message(
+            1, 1, fields[0], 0, *fields[1:], *[0] * (8 - len(fields))
+        )
+        (message,) = self.theirs.decode(Codec(255, 190).encode(order))
+        self.autopilot.handle(self.now, message, "operator")
+
+    def sail(self, seconds: float) -> None:
+        self._answer(self.autopilot.advance(self.now, seconds))
+
     def finish(self) -> None:
         self._send(self.transfer.start(self.now))
         while self.transfer.outcome is None:
@@ -89,6 +101,28 @@ def upload(seed: int, length: int, loss: float, doubled: float, delay_s: float, 
     return run
 
 
+def in_auto(seed: int, items: list[Any]) -> Run:
+    """A boat that sails `items` in AUTO, with a bad link to us."""
+    rng = np.random.default_rng(seed)
+    autopilot = Autopilot(Vessel(Position(33.5, -118.5)))
+    run = Run(MissionTransfer(items, ROUTE), autopilot, *(BadLink(rng, 0.2, 0.2, 0.2) for _ in range(2)))
+    run.finish()
+    run.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+    run.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 10)
+    assert autopilot.navigator.armed
+    assert autopilot.navigator.mode == 10
+    return run
+
+
+def renew(run: Run, items: list[Any]) -> None:
+    run.transfer = MissionTransfer(items, ROUTE, make_current=True, limit_s=120.0)
+    run.finish()
+    assert isinstance(run.transfer.outcome, Verified), run.transfer.outcome
+    assert on_board(run.autopilot) == [(item.x, item.y) for item in items]
+    assert run.autopilot.navigator.current == 1
+    assert run.autopilot.navigator.mission_state == mavlink.MISSION_STATE_ACTIVE
+
+
 def on_board(autopilot: Autopilot) -> list[tuple[int, int]]:
     return [(item.x, item.y) for item in autopilot.store.items(0)[1:]]
 
@@ -122,3 +156,20 @@ def test_verified_means_on_board_whatever_the_link_does(
         assert run.transfer.outcome.on_board_unknown
     assert run.transfer.next_deadline() is None
     assert run.now <= 60.0 + 2 * TICK_S
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_shorter_mission_replaces_one_that_is_being_sailed(seed: int) -> None:
+    near = [waypoint(33.5 + n * 1e-4, -118.5, acceptance_radius_m=5.0) for n in range(1, 9)]
+    run = in_auto(seed, [*near, *mission(np.random.default_rng(seed), 5)])
+    run.sail(60.0)
+    assert run.autopilot.navigator.current > 4
+    renew(run, mission(np.random.default_rng(seed + 100), 3))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_complete_mission_is_replaced_and_started(seed: int) -> None:
+    run = in_auto(seed, [waypoint(33.5001, -118.5, acceptance_radius_m=5.0)])
+    run.sail(60.0)
+    assert run.autopilot.navigator.mission_state == mavlink.MISSION_STATE_COMPLETE
+    renew(run, mission(np.random.default_rng(seed + 100), 3))
