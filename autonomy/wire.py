@@ -213,7 +213,7 @@ def _as_map(value: Payload) -> tuple[Topic, dict[str, Any]]:
     content = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     match value:
         case ModelSnapshot():
-            content["model"] = snapshot.encode(value.model)
+            content["model"] = _encode_model(value.model)
             content["bounds_m"] = _float64(value.bounds_m)
             return Topic.MODEL, content
         case PlanNotice():
@@ -291,8 +291,18 @@ def _parse(topic: Topic, payload: bytes) -> dict[str, Any]:
     return content
 
 
-def _decode_model(blob: bytes) -> FieldModel:
+def _encode_model(model: FieldModel) -> bytes:
     try:
-        return snapshot.decode(blob)
+        return snapshot.encode(model)
     except ValueError as error:
         raise WireError(f"model: model: {error}") from None
+
+
+def _decode_model(blob: bytes) -> FieldModel:
+    try:
+        model = snapshot.decode(blob)
+    except ValueError as error:
+        raise WireError(f"model: model: {error}") from None
+    if model.hyperparameters.dimensions != 2:
+        raise WireError(f"model: model: must have two axes (got {model.hyperparameters.dimensions})")
+    return model

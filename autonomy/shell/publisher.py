@@ -138,7 +138,7 @@ class Publisher:
         self._set_status(connected=0, listened=False)
 
     def _serve(self, session: zenoh.Session) -> None:
-        """Publish until asked to stop. Everything declared here goes with the session."""
+        """Declare what we publish and answer, then publish until asked to stop."""
         publishers = {
             topic: session.declare_publisher(
                 wire.key(self._vehicle, topic),
@@ -148,8 +148,14 @@ class Publisher:
             )
             for topic in Topic
         }
-        session.declare_queryable(f"usv/{self._vehicle}/*", self._answer)
-        session.liveliness().declare_token(wire.alive_key(self._vehicle))
+        # The token stands as long as its object does; so might, one day, the queryable.
+        with (
+            session.declare_queryable(f"usv/{self._vehicle}/*", self._answer),
+            session.liveliness().declare_token(wire.alive_key(self._vehicle)),
+        ):
+            self._serve_until_stopped(session, publishers)
+
+    def _serve_until_stopped(self, session: zenoh.Session, publishers: dict[Topic, zenoh.Publisher]) -> None:
         listened: list[Topic] = []
         while True:
             with self._changed:

@@ -1,4 +1,4 @@
-"""The latest map as a picture: mean and standard deviation with track, plan and basis vectors. Needs matplotlib."""
+"""The latest map as a picture: mean, standard deviation, track, plan, basis vectors. Needs matplotlib."""
 
 import os
 import tempfile
@@ -28,12 +28,11 @@ def write_map(path: Path, view: VehicleView, track: Sequence[ObservationNotice])
     if view.model is None:
         raise ValueError(f"{view.vehicle} has not published a model")
     canvas = FigureCanvasAgg(draw_map(view.model, view.plan, track))
-    descriptor, temporary = tempfile.mkstemp(
-        dir=path.absolute().parent, prefix=f".{path.name}.", suffix=".part"
-    )
+    folder = path.absolute().parent
+    descriptor, temporary = tempfile.mkstemp(dir=folder, prefix=f".{path.name}.", suffix=".part")
     try:
         with os.fdopen(descriptor, "wb") as file:
-            canvas.print_png(file)
+            canvas.print_figure(file, format="png")
         # mkstemp makes files only their owner may read; a picture is for everybody.
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
@@ -43,7 +42,7 @@ def write_map(path: Path, view: VehicleView, track: Sequence[ObservationNotice])
 
 
 def draw_map(model: ModelSnapshot, plan: PlanNotice | None, track: Sequence[ObservationNotice]) -> Figure:
-    """Mean and standard deviation side by side over the survey area, axes in kilometres of the survey frame."""
+    """Mean and standard deviation over the survey area, side by side; axes in km of the survey frame."""
     x_min, y_min, x_max, y_max = model.bounds_m
     x_axis, y_axis = _axes(model)
     prediction = model.model.predict_grid(x_axis, y_axis)
@@ -51,8 +50,9 @@ def draw_map(model: ModelSnapshot, plan: PlanNotice | None, track: Sequence[Obse
     shape = float(np.clip((y_max - y_min) / (x_max - x_min), 0.4, 1.6))
     figure = Figure(figsize=(13.0, 1.6 + 5.4 * shape), layout="constrained")
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
-    unit = "" if model.units in ("", "1") else f" ({model.units})"
-    name = model.variable.replace("_", " ")
+    # A dollar sign would begin a formula.
+    unit = "" if model.units in ("", "1") else f" ({model.units})".replace("$", r"\$")
+    name = model.variable.replace("_", " ").replace("$", r"\$")
     extent = (x_min / _KM, x_max / _KM, y_min / _KM, y_max / _KM)
     for axes, values, label, colours in (
         (left, prediction.mean, f"{name}{unit}", "viridis"),
@@ -79,13 +79,16 @@ def _axes(model: ModelSnapshot) -> tuple[FloatArray, FloatArray]:
     nx = max(2, round((x_max - x_min) / step))
     ny = max(2, round((y_max - y_min) / step))
     dx, dy = (x_max - x_min) / nx, (y_max - y_min) / ny
-    return x_min + dx * (np.arange(nx) + 0.5), y_min + dy * (np.arange(ny) + 0.5)
+    x_axis: FloatArray = x_min + dx * (np.arange(nx, dtype=np.float64) + 0.5)
+    y_axis: FloatArray = y_min + dy * (np.arange(ny, dtype=np.float64) + 0.5)
+    return x_axis, y_axis
 
 
 def _local_km(model: ModelSnapshot, positions_deg: Sequence[tuple[float, float]]) -> FloatArray:
     frame = LocalFrame(model.origin_lat_deg, model.origin_lon_deg)
     degrees = np.asarray(positions_deg, dtype=float).reshape(-1, 2)
-    return frame.to_local(degrees[:, 0], degrees[:, 1]) / _KM
+    local: FloatArray = frame.to_local(degrees[:, 0], degrees[:, 1]) / _KM
+    return local
 
 
 def _draw_way(
@@ -103,11 +106,9 @@ def _draw_way(
 
 
 def _draw_basis(axes: Any, model: ModelSnapshot) -> None:
-    basis = np.asarray(model.model.basis)
+    basis = np.asarray(model.model.basis) / _KM
     if len(basis):
-        axes.plot(
-            basis[:, 0] / _KM, basis[:, 1] / _KM, "+", color="cyan", markersize=6, label="basis vectors"
-        )
+        axes.plot(basis[:, 0], basis[:, 1], "+", color="cyan", markersize=6, label="basis vectors")
 
 
 def _draw_legend(figure: Figure, axes: Any) -> None:

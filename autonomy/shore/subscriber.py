@@ -186,11 +186,13 @@ class Subscriber:
         session = self._session or self._dial()
         if session is None:
             return
-        with session:
-            session.declare_subscriber(f"usv/{self._selector}/*", self._on_sample)
+        with (
+            session,
+            session.declare_subscriber(f"usv/{self._selector}/*", self._on_sample),
             session.liveliness().declare_subscriber(
                 wire.alive_key(self._selector), self._on_token, history=True
-            )
+            ),
+        ):
             while not self._stopping.is_set():
                 try:
                     arrival = self._arrivals.get(timeout=0.1)

@@ -1,16 +1,18 @@
-"""`autonomy shore watch`: follow a vehicle from ashore, a line per snapshot and the latest map as a picture."""
+"""`autonomy shore watch`: follow a vehicle, with a line per snapshot and the latest map as a picture."""
 
 import argparse
 import json
 import math
+import os
 import queue
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +23,13 @@ from autonomy.wire import VEHICLE_NAME, LogNotice, ModelSnapshot
 EXIT_OK, EXIT_NOTHING_CAME, EXIT_USAGE = 0, 1, 2
 _PICTURE_PERIOD_S = 1.0
 _LOOK_S = 0.2
+_UPDATES_LIMIT = 1000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument(
-        "vehicle", nargs="?", default="*", type=_vehicle, help="its name, or * for all (default)"
+        "vehicle", nargs="?", default="*", type=_vehicle, help="its name; * for all (default)"
     )
     way = parser.add_mutually_exclusive_group(required=True)
     way.add_argument(
@@ -41,23 +44,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         type=_endpoint,
         metavar="ADDRESS",
-        help="be a client of the router there",
+        help="be a client of that router",
     )
     parser.add_argument("--png", type=Path, metavar="FILE", help="keep the latest map in this picture")
-    parser.add_argument(
-        "--json", action="store_true", help="print a JSON object per snapshot instead of text"
-    )
+    parser.add_argument("--json", action="store_true", help="print a JSON object per snapshot, not text")
     parser.add_argument("--count", type=_positive_count, metavar="N", help="end after N snapshots")
     parser.add_argument(
         "--timeout",
         type=_positive_seconds,
         metavar="S",
-        help="end after S seconds; fails if fewer came than asked for",
+        help="end after S seconds; fails if too few came",
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Follow until told to stop: 0; 1 if too little came within the timeout or the address is taken; 2 for bad usage."""
+    """Follow until told to stop: 0; 1 if too few came in time or the address is taken; 2 for bad usage."""
     draw = None
     if args.png is not None:
         if not args.png.absolute().parent.is_dir():
@@ -65,8 +66,10 @@ def run(args: argparse.Namespace) -> int:
         draw = _painter()
         if draw is None:
             return _complain(EXIT_USAGE, "--png needs matplotlib: pip install 'halocline[shore]'")
-    updates: queue.Queue[Update] = queue.Queue()
-    subscriber = Subscriber(args.vehicle, args.connect or (), args.listen or (), on_update=updates.put)
+    updates: queue.Queue[Update] = queue.Queue(_UPDATES_LIMIT)
+    subscriber = Subscriber(
+        args.vehicle, args.connect or (), args.listen or (), on_update=partial(_offer, updates)
+    )
     with _stop_on_signals() as stopping:
         try:
             subscriber.start()
@@ -75,8 +78,8 @@ def run(args: argparse.Namespace) -> int:
         try:
             return _Watch(subscriber, updates, stopping, draw, args).follow()
         except BrokenPipeError:
-            # Whoever read our lines has seen enough; stdout must not be flushed again at exit.
-            sys.stdout = None  # type: ignore[assignment]
+            # Whoever read our lines has seen enough; what is left must not be flushed at exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return EXIT_OK
         finally:
             subscriber.close()
@@ -117,9 +120,9 @@ class _Watch:
         self._picture()
         if self._stopping.is_set() or self._enough() or (self._args.count is None and self._snapshots):
             return EXIT_OK
-        asked = "" if self._args.count is None else f" of {self._args.count}"
+        wanted = "" if self._args.count is None else f" of {self._args.count}"
         return _complain(
-            EXIT_NOTHING_CAME, f"{self._snapshots}{asked} snapshots came in {self._args.timeout:g} s"
+            EXIT_NOTHING_CAME, f"{self._snapshots}{wanted} snapshots came in {self._args.timeout:g} s"
         )
 
     def _enough(self) -> bool:
@@ -131,10 +134,8 @@ class _Watch:
                 self._snapshots += 1
                 self._undrawn = update.vehicle
                 view = self._subscriber.latest(update.vehicle)
-                line = (
-                    json.dumps(_fields(update.value, view)) if self._args.json else _line(update.value, view)
-                )
-                print(line, flush=True)
+                said = _fields(update.value, view)
+                print(json.dumps(said) if self._args.json else _printable(_line(said)), flush=True)
             case Presence():
                 _note(f"{update.vehicle}: {'connected' if update.value.alive else 'gone'}")
             case LogNotice() if update.value.level in ("warning", "error"):
@@ -147,12 +148,12 @@ class _Watch:
         self._drawn_s = time.monotonic()
         try:
             self._draw(self._args.png, self._subscriber.latest(vehicle), self._subscriber.track(vehicle))
-        except OSError as error:
-            _note(f"the picture cannot be written: {error}")
+        except (OSError, ValueError) as error:
+            _note(f"the picture cannot be made: {error}")
 
 
 def _fields(model: ModelSnapshot, view: VehicleView) -> dict[str, Any]:
-    """What a snapshot says, for programs; `age_s` is by this machine's clock and UTC, None if either is unknown."""
+    """What a snapshot says, for programs; `age_s` compares UTC with this machine's clock."""
     h = model.model.hyperparameters
     return {
         "vehicle": model.vehicle,
@@ -173,18 +174,18 @@ def _fields(model: ModelSnapshot, view: VehicleView) -> dict[str, Any]:
     }
 
 
-def _line(model: ModelSnapshot, view: VehicleView) -> str:
+def _line(said: dict[str, Any]) -> str:
     """The same for a person."""
-    said = _fields(model, view)
-    clock = (
-        "--:--:--" if model.utc_s is None else datetime.fromtimestamp(model.utc_s, UTC).strftime("%H:%M:%SZ")
-    )
+    clock = "--:--:--"
+    if said["utc_s"] is not None:
+        clock = datetime.fromtimestamp(said["utc_s"], UTC).strftime("%H:%M:%SZ")
     age = "" if said["age_s"] is None else f"  {said['age_s']:.1f} s old"
     scales = " × ".join(f"{scale:.0f}" for scale in said["lengthscales_m"])
-    unit = "" if model.units in ("", "1") else f" {model.units}"
+    unit = "" if said["units"] in ("", "1") else f" {said['units']}"
     return (
-        f"{clock}  {model.vehicle}  t={model.model_time_s:.0f} s  {said['state'] or 'state unknown'}  "
-        f"samples {model.samples}  basis {said['basis_size']}  ρ {model.rho:.2f}  re-plans {model.replans}  "
+        f"{clock}  {said['vehicle']}  t={said['model_time_s']:.0f} s  {said['state'] or 'state unknown'}  "
+        f"samples {said['samples']}  basis {said['basis_size']}  ρ {said['rho']:.2f}  "
+        f"re-plans {said['replans']}  "
         f"σf {math.sqrt(said['signal_variance']):.3g}{unit}  l {scales} m  "
         f"σn {math.sqrt(said['noise_variance']):.2g}{unit}{age}"
     )
@@ -216,8 +217,23 @@ def _stop_on_signals() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
+def _offer(updates: "queue.Queue[Update]", update: Update) -> None:
+    """Pass on what gets a line; a terminal that is held up loses the oldest."""
+    if not isinstance(update.value, ModelSnapshot | Presence | LogNotice):
+        return
+    if updates.full():
+        with suppress(queue.Empty):
+            updates.get_nowait()
+    updates.put(update)
+
+
+def _printable(text: str) -> str:
+    """Text from the network must not steer the terminal."""
+    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text)
+
+
 def _note(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    print(_printable(text), file=sys.stderr, flush=True)
 
 
 def _complain(code: int, text: str) -> int:
