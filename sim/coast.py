@@ -47,7 +47,7 @@ class Coast:
         return np.asarray(spline(lat_axis_deg, lon_axis_deg) > 0.5)
 
     def distance_km(self) -> RectBivariateSpline:
-        """Signed distance from the shore (negative on land), kilometres, as a smooth function of (lat, lon)."""
+        """Signed distance from the shore (negative on land), kilometres, a smooth function of (lat, lon)."""
         cell_km = METRES_PER_DEGREE / CELLS_PER_DEGREE / 1000.0
         spacing = (cell_km, cell_km * np.cos(np.radians(self.lat_deg.mean())))
         away = ndimage.distance_transform_edt(~self.land, spacing)
@@ -59,8 +59,8 @@ class Coast:
 def coast(bounds: Bounds) -> Coast:
     """The coast in a box that does not cross the date line.
 
-    The package would unpack the whole globe, close to a gigabyte, and keep it; its rows are therefore read one after
-    another from its file, and only the window is kept.
+    The package would unpack the whole globe, close to a gigabyte, and keep it; its rows are therefore read
+    one after another from its file, and only the window is kept.
 
     Raises:
         FieldError: global-land-mask is not installed or not the one known here.

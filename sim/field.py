@@ -166,7 +166,7 @@ class GriddedField(MaskedField):
 
 
 class ShrunkField(MaskedField):
-    """The same values on a smaller piece of sea: coordinates drawn together about the centre. Time is unchanged."""
+    """The same values on a smaller piece of sea: drawn together about its centre, time unchanged."""
 
     def __init__(self, inner: Field, factor: float, info: FieldInfo) -> None:
         grid = ShrunkGrid(inner.mask.grid, factor)
@@ -205,7 +205,7 @@ def open_field(spec: str | Path, variable: str | None = None) -> Field:
     Args:
         spec: a NetCDF file (ROMS output or CF), or `synthetic[:SEED]` (the Southern California Bight), or
             `synthetic-patch[:SEED]` (a piece of its coast, 15 km wide). The seed is 0 unless given.
-        variable: which variable of the file; by default its salinity, else its temperature, else its only one.
+        variable: which variable of the file; by default salinity, else temperature, else the only one.
 
     Raises:
         FieldError: no such file, not NetCDF, no such variable, no usable coordinates, nothing but land.
@@ -224,7 +224,7 @@ def open_field(spec: str | Path, variable: str | None = None) -> Field:
 
 
 def lattice(field: Field, spacing_m: float) -> tuple[FloatArray, FloatArray]:
-    """Axes of latitude and longitude over the field's bounds, at most `spacing_m` apart, both ends included."""
+    """Axes of latitude and longitude over the field's bounds, at most `spacing_m` apart, with both ends."""
     bounds = field.bounds
     width_m, height_m = bounds.size_m
     rows = max(2, math.ceil(height_m / spacing_m) + 1)

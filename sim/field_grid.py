@@ -1,8 +1,9 @@
 """Grids of the sea: from degrees to the fractional row and column of a grid, and back.
 
 The cell of a grid point reaches half an index in every direction. `locate` therefore answers within
-[-0.5, rows - 0.5] x [-0.5, columns - 0.5] and gives NaN elsewhere; rounding its answer is the nearest-cell rule
-by which land is told from water, and the same cells, drawn as polygons, are what the vessel is given as land.
+[-0.5, rows - 0.5] x [-0.5, columns - 0.5] and gives NaN elsewhere; rounding its answer is the nearest-cell
+rule by which land is told from water, and the same cells, drawn as polygons, are what the vessel is given as
+land.
 """
 
 import math
@@ -152,9 +153,9 @@ class CurvilinearGrid:
         return row.reshape(shape), column.reshape(shape)
 
     def _locate_points(self, target: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Indices of points of the plane, shape (n, 2): from the nearest grid point walk to the right cell."""
+        """Indices of points of the plane, shape (n, 2): walk there from the nearest grid point."""
         if len(target) == 1 and self._last_cell is not None:
-            # A vessel asks again and again nearby: mostly its cell is the last one. Only a sure answer counts.
+            # A vessel asks again nearby: mostly its cell is the last one. Only a sure answer counts.
             v, u, real = self._solve(target, *self._last_cell)
             if real[0] and 0.0 <= v[0] <= 1.0 and 0.0 <= u[0] <= 1.0:
                 return self._last_cell[0] + v, self._last_cell[1] + u
@@ -169,7 +170,7 @@ class CurvilinearGrid:
         return np.where(inside, row, np.nan), np.where(inside, column, np.nan)
 
     def _walk(self, target: FloatArray, i: IntArray, j: IntArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Shares within the cells reached, and whether they are an answer; moves the cells (i, j) in place."""
+        """Shares within the cells reached, and whether they answer; moves the cells (i, j) in place."""
         rows, columns = self.shape
         v, u, real = self._solve(target, i, j)
         moving = np.arange(len(target))
@@ -190,12 +191,12 @@ class CurvilinearGrid:
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Inverse bilinear map of the quadrilaterals (i, j).
 
-        The point is a + u e + v f + u v g; eliminating u leaves k2 v² + k1 v + k0 = 0, and the wanted root is the
-        one at which the map keeps the grid's orientation.
+        The point is a + u e + v f + u v g; eliminating u leaves k2 v² + k1 v + k0 = 0, and the wanted root is
+        the one at which the map keeps the grid's orientation.
 
         Returns:
-            Shares across rows and columns, beyond 0..1 if the point is outside, and whether the root is real: where
-            it is not, the shares only say in which direction to look.
+            Shares across rows and columns, beyond 0..1 if the point is outside, and whether the root is real:
+            where it is not, the shares only say in which direction to look.
         """
         a, b = self._points[i, j], self._points[i, j + 1]
         d, c = self._points[i + 1, j], self._points[i + 1, j + 1]
@@ -210,7 +211,7 @@ class CurvilinearGrid:
         return v, u, discriminant >= 0.0
 
     def positions(self, row: ArrayLike, column: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Latitude and longitude, degrees, of fractional rows and columns; straight on beyond the outer points."""
+        """Latitude and longitude, degrees, of fractional rows and columns, also beyond the outer points."""
         points = self._map(np.asarray(row, dtype=float), np.asarray(column, dtype=float))
         lat, lon = self._plane.inverse(points)
         return lat, near(lon, self.bounds.centre[1])
@@ -245,7 +246,7 @@ class ShrunkGrid:
         )
 
     def expand(self, lat_deg: ArrayLike, lon_deg: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Where positions of the small sea lie in the large one; NaN where that is beyond a pole or the globe."""
+        """Where positions of the small sea lie in the large one; NaN where that is not on the globe."""
         lat = self._lat0 + self._factor * (np.asarray(lat_deg, dtype=float) - self._lat0)
         offset = near(np.asarray(lon_deg, dtype=float), self._lon0) - self._lon0
         lon = self._lon0 + self._factor * offset
@@ -327,6 +328,6 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _steps(share: FloatArray) -> IntArray:
-    """How many cells to move for a share outside 0..1; at most three, for far away the extrapolation is poor."""
+    """How many cells to move for a share outside 0..1; at most three: far extrapolation is poor."""
     beyond = (share < -_TOLERANCE) | (share > 1.0 + _TOLERANCE)
     return np.where(beyond, np.minimum(np.maximum(np.floor(share), -3.0), 3.0), 0.0).astype(np.int64)

@@ -22,8 +22,8 @@ def land_polygons(field: Field, simplify_m: float = 0.0) -> MultiPolygon:
 
     Args:
         field: the field.
-        simplify_m: straighten the outline by at most this much, metres. The land is first widened by as much, so
-            that the result still holds every land cell; it reaches at most twice this far over the water.
+        simplify_m: straighten the outline by at most this much, metres. The land is first widened by as much,
+            so that the result still holds every land cell; it reaches at most twice this far over the water.
 
     Returns:
         Polygons in x longitude, y latitude, degrees; exteriors counter-clockwise, holes clockwise (RFC 7946);
@@ -36,7 +36,7 @@ def land_polygons(field: Field, simplify_m: float = 0.0) -> MultiPolygon:
 
 
 def water_outline(field: Field) -> Polygon:
-    """The outline of the field's domain through its outermost grid points, land included; degrees, like the land."""
+    """The outline of the field's domain through its outermost grid points, land included; in degrees."""
     rows, columns = field.mask.grid.shape
     box = shapely.box(0.0, 0.0, columns - 1.0, rows - 1.0)
     outline = _to_degrees(box, field.mask.grid)
@@ -70,7 +70,7 @@ def _cells(land: BoolArray) -> Any:
 
 
 def _to_degrees(shape: Any, grid: Grid) -> Any:
-    """A shape of index space on the globe. Within half a cell the grid's map is straight along rows and columns."""
+    """A shape of index space on the globe: along rows and columns the map is straight for half a cell."""
     if shape.is_empty:
         return shape
     shift = 360.0 if grid.bounds.west < -180.0 else 0.0
@@ -92,7 +92,7 @@ def _simplified(land: Any, frame: LocalFrame, tolerance_m: float) -> Any:
         west_of = degrees[:, :1] < frame.origin_lon_deg - 180.0
         return np.where([[True, False]], degrees + 360.0 * west_of, degrees)
 
-    # A chord lies within the tolerance of what it replaces, and that lies a little more than it outside the land.
+    # A chord lies within the tolerance of what it replaces, and that lies a little farther out than the land.
     widened = shapely.buffer(shapely.transform(land, to_local), 1.05 * tolerance_m, quad_segs=4)
     return shapely.transform(shapely.simplify(widened, 0.9 * tolerance_m), to_degrees)
 

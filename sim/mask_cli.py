@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the polygons; exit codes: 0 written, 1 the file cannot be written, 2 the field cannot be opened."""
+    """Write the polygons; exit codes: 0 written, 1 cannot write the file, 2 cannot open the field."""
     try:
         field = open_field(arguments.field, arguments.variable)
     except FieldError as error:

@@ -1,5 +1,6 @@
 """Pictures of a survey: what was true, what was believed, how sure the belief was, and how it grew."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import ArrayLike
@@ -22,7 +24,7 @@ SPOT = "#ff5a36"
 INK = "#222222"
 VALUES_MAP = "viridis"
 DEVIATION_MAP = "magma"
-WIDTH_IN, HEIGHT_IN, DPI = 16.0, 9.6, 100
+WIDTH_IN, HEIGHT_IN, DPI = 16.0, 10.0, 100
 GOAL = 0.35  # of the field's standard deviation
 
 
@@ -73,12 +75,12 @@ def demo_figure(
     truth = np.asarray(truth, dtype=float)
     water = np.isfinite(truth)
     overlay = _Overlay(_km(track_m), _km(basis_m), _km(spots_m))
-    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DPI, layout="constrained", facecolor="white")
+    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
-    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.08)  # type: ignore[union-attr]
+    figure.set_layout_engine(ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08))
     figure.suptitle(title, fontsize=15, color=INK)
-    maps, course = figure.add_gridspec(2, 1, height_ratios=[2.6, 1.0])
-    axes = maps.subgridspec(1, 3).subplots(sharex=True, sharey=True)
+    rows = figure.add_gridspec(2, 1, height_ratios=[2.9, 1.0])
+    axes: Any = rows[0].subgridspec(1, 3).subplots(sharex=True, sharey=True)
     quantity = f"{label} ({units})" if units else label
     low, high = (float(v) for v in np.percentile(truth[water], [0.5, 99.5]))
     contours = np.linspace(low, high, 9)[1:-1] if high > low else None
@@ -87,16 +89,16 @@ def demo_figure(
         image = _map(axis, name, x_km, y_km, values, VALUES_MAP, low, high)
         _shapes(axis, x_km, y_km, values, water, contours)
         _draw(axis, overlay)
-    _bar(figure, image, list(axes[:2]), quantity, extend="both")
+    _bar(figure, image, list(axes[:2]), quantity)
     deviation = np.where(water, np.asarray(standard_deviation, dtype=float), np.nan)
     image = _map(
         axes[2], "standard deviation", x_km, y_km, deviation, DEVIATION_MAP, 0.0, float(np.nanmax(deviation))
     )
     _shapes(axes[2], x_km, y_km, deviation, water, None)
     _draw(axes[2], overlay)
-    _bar(figure, image, [axes[2]], f"standard deviation{f' ({units})' if units else ''}", extend="neither")
+    _bar(figure, image, [axes[2]], f"standard deviation{f' ({units})' if units else ''}")
     axes[0].set_ylabel("north (km)")
-    lower = course.subgridspec(1, 2, width_ratios=[4.4, 1.0])
+    lower = rows[1].subgridspec(1, 2, width_ratios=[4.4, 1.0])
     _course(figure.add_subplot(lower[0]), samples, rmse, field_std, units)
     _key(figure.add_subplot(lower[1]), overlay)
     figure.savefig(path, dpi=DPI)
@@ -147,18 +149,45 @@ def _shapes(
 def _draw(axis: Axes, overlay: _Overlay) -> None:
     x_limits, y_limits = axis.get_xlim(), axis.get_ylim()
     axis.plot(*overlay.track_km.T, color=TRACK, linewidth=0.9, alpha=0.75, solid_joinstyle="round")
-    axis.scatter(*overlay.spots_km.T, s=17, marker="D", facecolors="none", edgecolors=SPOT, linewidths=1.0)
-    axis.scatter(*overlay.basis_km.T, s=9, color=BASIS, edgecolors="white", linewidths=0.4, zorder=3)
+    axis.scatter(
+        overlay.spots_km[:, 0],
+        overlay.spots_km[:, 1],
+        s=17,
+        marker="D",
+        facecolors="none",
+        edgecolors=SPOT,
+        linewidths=1.0,
+    )
+    axis.scatter(
+        overlay.basis_km[:, 0],
+        overlay.basis_km[:, 1],
+        s=9,
+        color=BASIS,
+        edgecolors="white",
+        linewidths=0.4,
+        zorder=3,
+    )
     axis.set_xlim(x_limits)
     axis.set_ylim(y_limits)
 
 
-def _bar(figure: Figure, image: Any, axes: list[Axes], text: str, extend: str) -> None:
-    bar = figure.colorbar(image, ax=axes, fraction=0.03, pad=0.015, aspect=28, extend=extend)
+def _bar(figure: Figure, image: Any, axes: list[Axes], text: str) -> None:
+    """One bar below the axes it belongs to; pointed where the values' tails are cut off."""
+    shared = len(axes) > 1
+    bar = figure.colorbar(
+        image,
+        ax=axes,
+        location="bottom",
+        fraction=0.05,
+        pad=0.02,
+        aspect=60 if shared else 30,
+        shrink=0.85,
+        extend="both" if shared else "neither",
+    )
     bar.set_label(text, fontsize=11, color=INK)
     bar.ax.tick_params(labelsize=10, colors=INK)
     bar.ax.ticklabel_format(useOffset=False)
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)
 
 
 def _course(axis: Axes, samples: ArrayLike, rmse: ArrayLike, field_std: float, units: str) -> None:
@@ -182,12 +211,16 @@ def _course(axis: Axes, samples: ArrayLike, rmse: ArrayLike, field_std: float, u
     axis.set(xlim=(0.0, last), ylim=(0.0, top), xlabel="samples")
     axis.set_ylabel(f"RMSE{f' ({units})' if units else ''}")
     share = axis.secondary_yaxis(
-        "right", functions=(lambda v: 100.0 * v / field_std, lambda p: p * field_std / 100.0)
+        "right", functions=(_scaled_by(100.0 / field_std), _scaled_by(field_std / 100.0))
     )
     share.set_ylabel("% of the field's std")
     axis.grid(color="#dddddd", linewidth=0.6)
     axis.spines["top"].set_visible(False)
     axis.tick_params(colors=INK, labelsize=10)
+
+
+def _scaled_by(factor: float) -> Callable[[ArrayLike], FloatArray]:
+    return lambda values: np.asarray(values, dtype=float) * factor
 
 
 def _key(axis: Axes, overlay: _Overlay) -> None:
@@ -219,7 +252,7 @@ def _key(axis: Axes, overlay: _Overlay) -> None:
         handles=handles,
         loc="center",
         fontsize=11.5,
-        facecolor="#6f9a9a",
+        facecolor="#44535c",
         edgecolor="none",
         framealpha=0.9,
         labelcolor="white",

@@ -1,8 +1,9 @@
 """A made-up ocean on a real coast: smooth in space and time, the same for the same seed.
 
-Salinity is a sum of what surveys off California meet: saltier water upwelled along the shore, a meandering front,
-eddies, and fresher water from a river. Everything is an analytic function of place and time, so that it can be asked
-anywhere; features circle slowly about where they were born, so that it stays bounded for any length of time.
+Salinity is a sum of what surveys off California meet: saltier water upwelled along the shore, a meandering
+front that eddies have stirred, the eddies themselves, and fresher water from a river. Everything is an
+analytic function of place and time, so that it can be asked anywhere; features circle slowly about where they
+were born, so that it stays bounded for any length of time.
 """
 
 import math
@@ -32,7 +33,7 @@ _SWIRL = 0.9  # radians by which an eddy has turned the water at its centre
 
 @dataclass(frozen=True)
 class Scales:
-    """Sizes of the features of one piece of sea. Salinities are amplitudes, without unit (practical salinity)."""
+    """Sizes of the features of one piece of sea; salinities are amplitudes, without unit."""
 
     upwelling: float
     upwelling_width_km: float
@@ -51,11 +52,11 @@ class Scales:
 BIGHT_SCALES = Scales(
     upwelling=0.22,
     upwelling_width_km=28.0,
-    front=0.10,
+    front=0.11,
     front_width_km=9.0,
     meander_km=22.0,
     eddies=34,
-    eddy=0.09,
+    eddy=0.11,
     eddy_radius_km=(13.0, 32.0),  # about 30 to 80 km across
     plume=0.0,
     plume_radius_km=(1.0, 1.0),
@@ -63,15 +64,15 @@ BIGHT_SCALES = Scales(
     wander_days=(14.0, 40.0),
 )
 PATCH_SCALES = Scales(
-    upwelling=0.16,
+    upwelling=0.22,
     upwelling_width_km=2.5,
-    front=0.07,
-    front_width_km=1.4,
+    front=0.10,
+    front_width_km=1.1,
     meander_km=1.0,
-    eddies=9,
-    eddy=0.06,
-    eddy_radius_km=(1.5, 2.6),
-    plume=0.20,
+    eddies=14,
+    eddy=0.11,
+    eddy_radius_km=(1.1, 2.2),
+    plume=0.28,
     plume_radius_km=(3.4, 1.7),
     wander_km=0.25,
     wander_days=(3.0, 8.0),
@@ -217,14 +218,13 @@ def _draw_blobs(
     count = scales.eddies
     sign = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
     radius = rng.uniform(*scales.eddy_radius_km, count)
+    stretch = rng.uniform(0.8, 1.2, count)
     plume = np.array([-scales.plume])
     days = rng.uniform(*scales.wander_days, count + 1)
     return _Blobs(
         amplitude=np.concatenate([sign * scales.eddy * rng.uniform(0.6, 1.3, count), plume]),
         place_km=np.vstack([_spread(count, half_km, rng), river_km]),
-        radius_km=np.vstack(
-            [np.stack([radius * rng.uniform(0.8, 1.2, count), radius], axis=1), scales.plume_radius_km]
-        ),
+        radius_km=np.vstack([np.stack([radius * stretch, radius], axis=1), scales.plume_radius_km]),
         heading=rng.uniform(0.0, math.pi, count + 1),
         wander_km=scales.wander_km * rng.uniform(0.5, 1.0, count + 1),
         rate_per_s=rng.choice([-1.0, 1.0], count + 1) * 2.0 * math.pi / (days * _DAY_S),
