@@ -86,7 +86,12 @@ def test_no_points_give_no_predictions(model):
 
 @pytest.mark.parametrize(
     ("points", "complaint"),
-    [([0.0, 1.0], "shape"), ([[0.0, 1.0, 2.0]], "shape"), ([[0.0, np.nan]], "finite"), ([["a", 1]], "numbers")],
+    [
+        ([0.0, 1.0], "shape"),
+        ([[0.0, 1.0, 2.0]], "shape"),
+        ([[0.0, np.nan]], "finite"),
+        ([["a", 1]], "numbers"),
+    ],
 )
 def test_bad_points_are_refused(model, points, complaint):
     for ask in (model.predict, model.covariance):

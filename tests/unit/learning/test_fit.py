@@ -52,7 +52,9 @@ def test_units_and_offset_of_the_sensor_do_not_matter(objective, scale):
     assert other.hyperparameters.signal_variance == pytest.approx(
         plain.hyperparameters.signal_variance * scale**2, rel=1e-2
     )
-    np.testing.assert_allclose(other.hyperparameters.lengthscales_m, plain.hyperparameters.lengthscales_m, rtol=1e-2)
+    np.testing.assert_allclose(
+        other.hyperparameters.lengthscales_m, plain.hyperparameters.lengthscales_m, rtol=1e-2
+    )
     assert other.prior_mean == pytest.approx((plain.prior_mean - 20) * scale, rel=1e-2)
 
 

@@ -13,7 +13,9 @@ def test_covariance_is_the_squared_exponential_with_a_lengthscale_per_axis():
     for i in range(2):
         for j in range(3):
             dx, dy = a[i] - b[j]
-            assert K[i, j] == pytest.approx(2.0 * math.exp(-0.5 * ((dx / 10) ** 2 + (dy / 40) ** 2)), rel=1e-14)
+            assert K[i, j] == pytest.approx(
+                2.0 * math.exp(-0.5 * ((dx / 10) ** 2 + (dy / 40) ** 2)), rel=1e-14
+            )
 
 
 def test_noise_takes_no_part_where_places_coincide():

@@ -28,7 +28,9 @@ def log_density(y, mean, variance):
 
 @pytest.mark.parametrize("scaled", [False, True])
 @pytest.mark.parametrize("objective", [loo_log_likelihood, log_marginal_likelihood])
-@pytest.mark.parametrize("h", [H, Hyperparameters(0.2, 1e-3, (300.0, 5.0)), Hyperparameters(9.0, 3.0, (8.0, 80.0))])
+@pytest.mark.parametrize(
+    "h", [H, Hyperparameters(0.2, 1e-3, (300.0, 5.0)), Hyperparameters(9.0, 3.0, (8.0, 80.0))]
+)
 def test_gradients_are_those_of_finite_differences(objective, h, scaled):
     x, y, scale = readings()
     scale = scale if scaled else None

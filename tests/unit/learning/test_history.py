@@ -1,0 +1,112 @@
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from autonomy.learning.history import History
+
+
+def filled(n, seed=0, span=300.0, maximum=2000, extent=None):
+    rng = np.random.default_rng(seed)
+    history = History(span, maximum)
+    rows = np.column_stack(
+        [rng.uniform(0, extent or span, (n, 2)), rng.normal(33.5, 1, n), np.arange(n) * 2.0]
+    )
+    for x, y, value, time_s in rows:
+        history.add((x, y), value, time_s)
+    return history, rows
+
+
+def totals(cells):
+    weighted = np.column_stack([cells.points, cells.means, cells.times_s]) * cells.counts[:, None]
+    return weighted.sum(axis=0)
+
+
+def test_a_cell_averages_what_fell_into_it():
+    history = History(300.0)
+    history.add((1.0, 2.0), 10.0, 100.0)
+    history.add((3.0, 8.0), 14.0, 102.0)
+    history.add((11.0, 2.0), 50.0, 103.0)
+    cells = history.cells()
+    np.testing.assert_allclose(cells.points, [[2.0, 5.0], [11.0, 2.0]])
+    np.testing.assert_allclose(cells.means, [12.0, 50.0])
+    np.testing.assert_allclose(cells.counts, [2, 1])
+    np.testing.assert_allclose(cells.times_s, [101.0, 103.0])
+
+
+def test_a_place_revisited_fifty_samples_later_is_a_cell_of_its_own():
+    history = History(300.0)
+    for i in range(120):
+        history.add((1.0, 1.0), float(i), float(i))
+    np.testing.assert_allclose(history.cells().counts, [50, 50, 20])
+
+
+def test_cells_on_both_sides_of_the_origin_are_kept_apart():
+    history = History(300.0)
+    history.add((-1.0, 1.0), 1.0, 0.0)
+    history.add((1.0, 1.0), 2.0, 0.0)
+    assert len(history) == 2
+
+
+@pytest.mark.parametrize("maximum", [10, 150, 1000])
+def test_it_stays_bounded_and_loses_no_reading(maximum):
+    history, rows = filled(5000, maximum=maximum)
+    cells = history.cells()
+    assert len(cells) == len(history) <= maximum
+    assert cells.counts.sum() == history.samples == 5000
+    np.testing.assert_allclose(totals(cells), rows.sum(axis=0), rtol=1e-9)
+    assert (np.diff(cells.times_s) >= 0).all()
+
+
+def test_old_slices_are_merged_before_young_ones_and_places_stay():
+    history = History(300.0, maximum_cells=100)
+    for i in range(20_000):
+        history.add((5.0 + 10 * (i % 4), 5.0), 1.0, float(i))
+    cells = history.cells()
+    assert len(cells) <= 100
+    assert set(map(tuple, np.round(cells.points, 6))) == {(5.0 + 10 * k, 5.0) for k in range(4)}
+    one_place = cells.times_s[np.abs(cells.points[:, 0] - 5.0) < 1]
+    gaps, ages = np.diff(one_place), 20_000 - one_place[:-1]
+    # Log-spaced: the gap between two slices grows with their age, none is far out of proportion.
+    assert gaps[-3:].max() <= 100
+    assert gaps[0] > 5 * gaps[-1]
+    assert (gaps / ages).max() < 1.01
+
+
+def test_more_places_than_cells_make_the_cells_wider():
+    history, _ = filled(3000, span=300.0, maximum=200, extent=3000.0)
+    assert len(history) <= 200
+    assert history.side_m in [10.0 * 2**k for k in range(1, 8)]
+    assert len(history) > 20
+
+
+def test_it_travels_by_pickle():
+    history, _ = filled(300)
+    other = pickle.loads(pickle.dumps(history))
+    for h in (history, other):
+        h.add((5.0, 5.0), 1.0, 1000.0)
+    np.testing.assert_array_equal(history.cells().means, other.cells().means)
+
+
+def test_an_empty_history_has_no_cells():
+    assert History(300.0).cells().points.shape == (0, 2)
+    assert len(History(300.0).cells()) == 0
+
+
+@pytest.mark.parametrize(
+    ("point", "value", "time_s"),
+    [((math.nan, 0), 0, 0), ((0, 0), math.inf, 0), ((0, 0), 0, math.nan), ((0, 0, 0), 0, 0), (0.0, 0, 0)],
+)
+def test_bad_readings_are_refused_and_not_counted(point, value, time_s):
+    history, _ = filled(20)
+    with pytest.raises(ValueError, match="must"):
+        history.add(point, value, time_s)
+    assert history.samples == 20
+
+
+def test_impossible_sizes_are_refused():
+    with pytest.raises(ValueError, match="span_m"):
+        History(0.0)
+    with pytest.raises(ValueError, match="maximum_cells"):
+        History(1.0, 3)

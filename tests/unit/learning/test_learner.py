@@ -1,0 +1,300 @@
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from autonomy.config import EstimationSection
+from autonomy.learning.kernel import Hyperparameters, covariance
+from autonomy.learning.learner import Learner, reestimate
+from autonomy.learning.sparse_gp import SparseOnlineGP, Update
+
+SPAN = 1000.0
+TRUE = Hyperparameters(1.0, 0.01, (SPAN / 6, SPAN / 6))
+OPTIONS = EstimationSection()
+
+
+def field(rng, h=TRUE, features=1500):
+    """A sample of the Gaussian process, by random Fourier features."""
+    frequency = rng.normal(size=(features, 2)) / h.lengthscales_m
+    phase, weight = rng.uniform(0, 2 * math.pi, features), rng.normal(size=features)
+    amplitude = math.sqrt(2 * h.signal_variance / features)
+    return lambda points: 33.5 + amplitude * np.cos(points @ frequency.T + phase) @ weight
+
+
+def legs(rng, n, step=10.0):
+    """A track of straight legs between random waypoints, a reading every `step` metres."""
+    points = [np.full(2, SPAN / 2)]
+    while len(points) <= n:
+        start, goal = points[-1], rng.uniform(0, SPAN, 2)
+        length = math.hypot(*(goal - start))
+        points += [start + (goal - start) * (i + 1) * step / length for i in range(int(length / step))]
+    return np.array(points[1 : n + 1])
+
+
+def survey(seed, n, noise=0.1):
+    rng = np.random.default_rng(seed)
+    truth, x = field(rng), legs(rng, n)
+    return truth, x, truth(x) + noise * rng.normal(size=n)
+
+
+def taught(learner, x, y, start=0):
+    for i, (point, value) in enumerate(zip(x, y, strict=True)):
+        learner.add(point, value, float(start + i))
+    return learner
+
+
+def grid():
+    axis = np.linspace(0, SPAN, 31)
+    return np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+
+
+def rmse(mean, truth):
+    return math.sqrt(np.mean((mean - truth(grid())) ** 2))
+
+
+def test_before_birth_it_believes_a_prior_good_enough_for_a_first_plan():
+    learner = Learner(SPAN)
+    assert not learner.born
+    assert [learner.add((i, 0.0), 33.5, float(i)) for i in range(19)] == [None] * 19
+    model = learner.model()
+    assert len(model) == len(learner.basis) == learner.fresh_count == 0
+    assert model.hyperparameters.signal_variance == 1.0
+    assert model.hyperparameters.lengthscales_m == (SPAN / 6, SPAN / 6)
+    with pytest.raises(RuntimeError, match="19 of 20"):
+        _ = learner.gp
+    with pytest.raises(RuntimeError, match="not born"):
+        learner.reestimate_request(0, OPTIONS)
+
+
+def test_at_birth_the_first_readings_tell_offset_and_scale_and_are_all_learnt():
+    _, x, y = survey(0, 40)
+    learner = taught(Learner(SPAN), x, y)
+    h = learner.gp.hyperparameters
+    assert learner.gp.prior_mean == pytest.approx(y[:20].mean())
+    assert h.signal_variance == pytest.approx(y[:20].var())
+    assert h.noise_variance == pytest.approx(0.01 * y[:20].var())
+    by_hand = SparseOnlineGP(h, 100, prior_mean=float(y[:20].mean()))
+    for point, value in zip(x, y, strict=True):
+        by_hand.update(point, value)
+    np.testing.assert_allclose(learner.model().predict(x).mean, by_hand.predict(x).mean, atol=1e-12)
+    assert learner.samples == 40
+    assert learner.history.cells().counts.sum() == 40
+
+
+def test_given_hyperparameters_apply_to_centred_readings():
+    _, x, y = survey(1, 25)
+    learner = taught(Learner(SPAN, hyperparameters=TRUE), x, y)
+    assert learner.gp.hyperparameters == TRUE
+    assert learner.gp.prior_mean == pytest.approx(y[:20].mean())
+
+
+def test_without_centring_it_is_born_at_once_and_needs_hyperparameters():
+    learner = Learner(SPAN, centring_samples=0, hyperparameters=TRUE)
+    assert learner.born
+    assert learner.add((0.0, 0.0), 1.0, 0.0) is Update.ADDED
+    assert learner.gp.prior_mean == 0.0
+    with pytest.raises(ValueError, match="give hyperparameters"):
+        Learner(SPAN, centring_samples=0)
+
+
+def test_it_does_not_care_for_the_sensors_offset_and_unit():
+    _, x, y = survey(2, 300)
+    plain = taught(Learner(SPAN), x, y)
+    scaled = taught(Learner(SPAN), x, 1e-6 * (y + 400))
+    for learner in (plain, scaled):
+        learner.adopt(reestimate(learner.reestimate_request(0, OPTIONS)))
+    one, other = plain.model().predict(grid()), scaled.model().predict(grid())
+    np.testing.assert_allclose(other.mean * 1e6 - 400, one.mean, atol=5e-3)
+    np.testing.assert_allclose(np.sqrt(other.variance) * 1e6, np.sqrt(one.variance), atol=5e-3)
+
+
+def test_fresh_basis_vectors_are_those_added_since_the_mark():
+    _, x, y = survey(3, 400)
+    learner = taught(Learner(SPAN, capacity=30), x[:100], y[:100])
+    assert learner.fresh_count == len(learner.basis)
+    learner.mark()
+    assert learner.fresh_count == learner.replaced_since_mark == 0
+    before = learner.basis
+    outcomes = [learner.add(p, v, 100.0 + i) for i, (p, v) in enumerate(zip(x[100:], y[100:], strict=True))]
+    new = sum(not (before == point).all(axis=1).any() for point in learner.basis)
+    assert learner.fresh_count == new > 0
+    assert learner.replaced_since_mark == outcomes.count(Update.REPLACED) > 0
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+def test_a_rebuild_is_nearly_as_good_as_the_exact_process_on_all_readings(factor):
+    """2000 readings, 100 basis vectors, from length-scales ten times off; pooled over four seas."""
+    rebuilt, exact, exact_refitted = [], [], []
+    for seed in range(4):
+        truth, x, y = survey(seed, 2000)
+        wrong = replace(TRUE, lengthscales_m=(SPAN / 6 * factor,) * 2)
+        learner = taught(Learner(SPAN, hyperparameters=wrong), x, y)
+        result = reestimate(learner.reestimate_request(seed, OPTIONS))
+        learner.adopt(result)
+        assert result.points == 300
+        rebuilt.append(rmse(learner.model().predict(grid()).mean, truth))
+        exact.append(rmse(dense_mean(x, y, TRUE, 33.5), truth))
+        exact_refitted.append(rmse(dense_mean(x, y, result.hyperparameters, result.prior_mean), truth))
+    pooled = [math.sqrt(np.mean(np.square(errors))) for errors in (rebuilt, exact, exact_refitted)]
+    print(f"RMSE rebuilt / exact: {pooled[0] / pooled[1]:.3f}, with its own fit: {pooled[0] / pooled[2]:.3f}")
+    assert pooled[0] <= 1.10 * pooled[1]
+    assert pooled[0] <= 1.10 * pooled[2]
+
+
+def dense_mean(x, y, h, prior_mean):
+    K = covariance(x, x, h)
+    K[np.diag_indices(len(x))] += h.noise_variance
+    return prior_mean + covariance(grid(), x, h) @ np.linalg.solve(K, y - prior_mean)
+
+
+def test_readings_that_come_during_a_job_are_not_lost():
+    _, x, y = survey(5, 500)
+    learner = taught(Learner(SPAN), x[:400], y[:400])
+    request = pickle.loads(pickle.dumps(learner.reestimate_request(0, OPTIONS)))
+    taught(learner, x[400:], y[400:], start=400)
+    result = pickle.loads(pickle.dumps(reestimate(request)))
+    by_hand = pickle.loads(pickle.dumps(result.gp))
+    for point, value in zip(x[400:], y[400:], strict=True):
+        by_hand.update(point, value)
+    learner.adopt(result)
+    np.testing.assert_allclose(learner.model().predict(x).mean, by_hand.predict(x).mean, atol=1e-12)
+    assert learner.samples == 500
+
+
+def test_a_re_estimate_is_a_function_of_its_request():
+    _, x, y = survey(6, 600)
+    request = taught(Learner(SPAN), x, y).reestimate_request(3, EstimationSection(maximum_points=50))
+    one, two = reestimate(request), reestimate(request)
+    assert one.hyperparameters == two.hyperparameters
+    assert one.points == 50
+    assert reestimate(replace(request, seed=4)).hyperparameters != one.hyperparameters
+
+
+def test_only_the_answer_to_the_open_request_is_adopted():
+    _, x, y = survey(7, 300)
+    learner = taught(Learner(SPAN), x[:100], y[:100])
+    stale = reestimate(learner.reestimate_request(0, OPTIONS))
+    taught(learner, x[100:], y[100:], start=100)
+    learner.reestimate_request(0, OPTIONS)
+    with pytest.raises(ValueError, match="at 100 samples does not answer"):
+        learner.adopt(stale)
+    learner.withdraw_request()
+    with pytest.raises(ValueError, match="no request is open"):
+        learner.adopt(stale)
+
+
+@pytest.mark.parametrize("data", ["history", "basis"])
+@pytest.mark.parametrize("optimiser", ["lbfgs", "gradient_ascent"])
+@pytest.mark.parametrize("objective", ["loo", "marginal"])
+def test_every_way_to_estimate_improves_a_bad_start(objective, optimiser, data):
+    truth, x, y = survey(8, 800)
+    wrong = replace(TRUE, lengthscales_m=(SPAN / 30,) * 2)
+    learner = taught(Learner(SPAN, hyperparameters=wrong), x, y)
+    before = rmse(learner.model().predict(grid()).mean, truth)
+    options = EstimationSection(objective=objective, optimiser=optimiser, data=data, iterations=200)
+    request = learner.reestimate_request(0, options)
+    result = reestimate(request)
+    learner.adopt(result)
+    assert rmse(learner.model().predict(grid()).mean, truth) < 0.7 * before
+    assert result.points == (100 if data == "basis" else min(300, len(request.cells)))
+    assert learner.fresh_count == 0
+
+
+def test_the_mean_is_refreshed_only_where_readings_were_centred():
+    _, x, y = survey(9, 300)
+    centred = taught(Learner(SPAN), x, y)
+    assert reestimate(centred.reestimate_request(0, OPTIONS)).prior_mean != centred.gp.prior_mean
+    uncentred = taught(Learner(SPAN, centring_samples=0, hyperparameters=TRUE), x, y - 33.5)
+    assert reestimate(uncentred.reestimate_request(0, OPTIONS)).prior_mean == 0.0
+
+
+def test_too_few_points_keep_the_hyperparameters_and_say_so():
+    learner = Learner(SPAN, centring_samples=5)
+    for i in range(10):
+        learner.add((100.0 * i, 50.0), float(i), float(i))
+    before = learner.gp.hyperparameters, learner.gp.prior_mean
+    result = reestimate(learner.reestimate_request(0, OPTIONS))
+    assert (result.hyperparameters, result.prior_mean) == before
+    assert result.fit.kept_start
+    assert "10 points are too few" in result.fit.message
+    learner.adopt(result)
+    assert learner.add((0.0, 0.0), 1.0, 11.0) is not None
+
+
+@pytest.mark.parametrize("data", ["history", "basis"])
+@pytest.mark.parametrize("case", ["constant", "zero", "one place", "all the same", "a line"])
+def test_degenerate_readings_break_nothing(case, data):
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(0, SPAN, (200, 2)), rng.normal(33.5, 1, 200)
+    match case:
+        case "constant":
+            y[:] = 33.5
+        case "zero":
+            y[:] = 0.0
+        case "one place":
+            x[:] = 7.0
+        case "all the same":
+            x[:], y[:] = 7.0, 33.5
+        case "a line":
+            x[:, 1] = 0.0
+    learner = taught(Learner(SPAN), x, y)
+    learner.adopt(reestimate(learner.reestimate_request(0, EstimationSection(data=data))))
+    taught(learner, x, y, start=200)
+    prediction = learner.model().predict(grid())
+    assert np.isfinite(prediction.mean).all()
+    assert (prediction.variance >= -1e-6 * learner.gp.hyperparameters.signal_variance).all()
+    assert learner.model().predict([[7.0, 7.0]]).mean[0] == pytest.approx(y.mean(), abs=4)
+
+
+def test_a_field_that_forgets_is_rebuilt_in_the_order_of_time():
+    h = replace(TRUE, timescale_s=100.0)
+    _, x, y = survey(10, 400)
+    learner = taught(Learner(SPAN, hyperparameters=h), x, y)
+    streamed = learner.model().predict(x[-40:])
+    learner.adopt(reestimate(learner.reestimate_request(0, EstimationSection(maximum_points=20))))
+    assert learner.gp.hyperparameters.timescale_s == 100.0
+    rebuilt = learner.model().predict(np.vstack([x[-40:], x[:40]]))
+    np.testing.assert_allclose(rebuilt.mean[:40], streamed.mean, atol=0.3)
+    # What was seen 400 s ago is nearly forgotten, unless it was seen again.
+    assert np.median(rebuilt.variance[40:]) > 3 * np.median(rebuilt.variance[:40])
+
+
+def test_bad_readings_are_refused_and_change_nothing():
+    _, x, y = survey(11, 30)
+    learner = taught(Learner(SPAN), x, y)
+    before = pickle.dumps(learner)
+    for point, value, time_s in [
+        ((0, math.nan), 1, 0),
+        ((0, 0), math.nan, 0),
+        ((0, 0), 1, math.inf),
+        ((0,), 1, 0),
+    ]:
+        with pytest.raises(ValueError, match="must"):
+            learner.add(point, value, time_s)
+    assert pickle.dumps(learner) == before
+
+
+def test_it_travels_by_pickle():
+    _, x, y = survey(12, 60)
+    learner = taught(Learner(SPAN), x[:30], y[:30])
+    other = pickle.loads(pickle.dumps(learner))
+    for one in (learner, other):
+        taught(one, x[30:], y[30:], start=30)
+    np.testing.assert_array_equal(learner.model().predict(x).mean, other.model().predict(x).mean)
+
+
+@pytest.mark.parametrize(
+    ("keywords", "complaint"),
+    [
+        ({"centring_samples": -1}, "centring_samples"),
+        ({"capacity": 0}, "capacity"),
+        ({"novelty": 2.0}, "novelty"),
+        ({"jitter": 0.0}, "jitter"),
+        ({"hyperparameters": Hyperparameters(1, 1, (1.0,))}, "2 entries"),
+    ],
+)
+def test_impossible_settings_are_refused_at_once(keywords, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        Learner(SPAN, **keywords)
