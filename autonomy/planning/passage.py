@@ -1,8 +1,8 @@
 """Shortest ways over water.
 
 Dijkstra's algorithm on the raster's 16-neighbour graph gives a way between two cells; string pulling then
-takes out the corners that the graph has put in, where the straight line touches passable cells only. Every leg
-found this way is over navigable water because all cells it touches are, not because points sampled on it are.
+takes out the corners that the graph has put in, where the straight line touches passable cells only. Every
+leg found this way is over navigable water because all cells it touches are, not because sampled points are.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ __all__ = ["Passage", "Unreachable", "Ways", "passage_of"]
 _JOINS_TRIED = (16, 256, 2048)
 """How many of the nearest passable cells are tried for a point that lies in none, in widening rounds."""
 
-_CORNERS = 40
+_CORNERS = 32
 """At most this many points of a way take part in string pulling; its cost grows with their square."""
 
 

@@ -31,6 +31,9 @@ millimetre.
 _EDGE_DEG = 0.02
 """Edges are straight in longitude and latitude; in pieces this long they bend by less than 0.1 m."""
 
+_WIDEST_DEG = 20.0
+"""A wider area is a mistake: flat metres do not reach that far."""
+
 _ARC_SEGMENTS = 8
 """Straight pieces per quarter circle of the stand-off around a corner."""
 
@@ -195,10 +198,10 @@ def read_survey(section: SurveySection) -> SurveyArea:
     """
     area = read_polygons(section.area) if isinstance(section.area, Path) else _from_corners(section.area)
     west, south, east, north = area.bounds
-    if east - west > 180.0:
+    if east - west > _WIDEST_DEG:
         raise SurveyError(
-            f"the survey area spans {east - west:.0f} degrees of longitude; across the date line write "
-            "longitudes of 0 to 360 degrees"
+            f"the survey area spans {east - west:.0f} degrees of longitude, more than {_WIDEST_DEG:g}; "
+            "across the date line write longitudes of 0 to 360 degrees"
         )
     frame = LocalFrame((south + north) / 2, (west + east) / 2)
     window = _window(area.bounds, section.standoff_m)
@@ -215,13 +218,7 @@ def read_survey(section: SurveySection) -> SurveyArea:
 
 
 def _from_corners(corners: Sequence[tuple[float, float]]) -> Polygon:
-    polygon = Polygon([(lon, lat) for lat, lon in corners])
-    if not polygon.is_valid or polygon.area == 0.0:
-        raise SurveyError(
-            "survey.area: its corners (latitude, longitude) make no polygon: "
-            f"{shapely.is_valid_reason(polygon)}; list them in order around the area"
-        )
-    return polygon
+    return Polygon([(lon, lat) for lat, lon in corners])
 
 
 def _window(

@@ -8,11 +8,15 @@ from autonomy.geometry import FloatArray
 EXACT_UP_TO = 13
 """Number of nodes, the start included, up to which the tour is optimal for certain."""
 
-_KICKS_PER_NODE = 4
-"""Restarts of the local search from a perturbed tour: a fixed number, so that a problem has one answer.
+_CHAINS = 4
+"""Independent searches, the first from the nearest-neighbour tour, the others from random ones.
 
-With 2 per node, one tour in thirty is more than 1 % too long at n = 30; with 4 none of several hundred was.
+A single chain of the same total length ends 3–5 % above the optimum once in forty problems of 20–30 nodes;
+with four, one in 480 was more than 0.6 % above it.
 """
+
+_TOLERANCE = 0.03
+"""A chain goes on from a tour that is at most this much longer than the best it has seen."""
 
 _LONGEST_MOVED = 3
 """Or-opt moves up to this many consecutive nodes."""
@@ -100,14 +104,24 @@ def _local_search(D: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
     closed = 1.0 + n * float(finite.max())
     extended = np.zeros((n + 1, n + 1))
     extended[:n, :n] = np.where(np.isfinite(D), D, closed)
-    best = _descend(extended, _nearest_neighbour(extended[:n, :n]))
-    best_length = _length(extended, best)
-    for _ in range(_KICKS_PER_NODE * n):
-        order = _descend(extended, _double_bridge(best, rng))
-        length = _length(extended, order)
-        if length < best_length:
-            best, best_length = order, length
-    return best[:-1]
+    starts = [_nearest_neighbour(extended[:n, :n])]
+    starts += [np.concatenate([[0], 1 + rng.permutation(n - 1), [n]]) for _ in range(_CHAINS - 1)]
+    ends = [_chain(extended, start, rng) for start in starts]
+    return min(ends, key=lambda order: _length(extended, order))[:-1]
+
+
+def _chain(D: FloatArray, order: NDArray[np.intp], rng: np.random.Generator) -> NDArray[np.intp]:
+    """Perturb and descend once for every node: a fixed number of times, so that a problem has one answer."""
+    current = best = _descend(D, order)
+    shortest = _length(D, best)
+    for _ in range(len(D)):
+        order = _descend(D, _double_bridge(current, rng))
+        length = _length(D, order)
+        if length <= (1.0 + _TOLERANCE) * shortest:
+            current = order
+        if length < shortest:
+            best, shortest = order, length
+    return best
 
 
 def _length(D: FloatArray, order: NDArray[np.intp]) -> float:

@@ -53,7 +53,7 @@ def _reachable_sites(
         raise PlanningError(
             f"none of the {len(sites)} candidate sites of the {nx} × {ny} lattice can be reached over "
             f"navigable water from {lat_deg:.5f}, {lon_deg:.5f}; the vessel may be on land, outside the area "
-            f"or in water that is cut off, or {survey.passage_cells} passage cells too coarse for the channels"
+            f"or in water that is cut off, or {survey.passage_cells} passage cells too coarse for channels"
         )
     return reachable
 
