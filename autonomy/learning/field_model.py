@@ -27,7 +27,10 @@ _RANK_TOLERANCE = 1e-12
 
 @dataclass(frozen=True)
 class Prediction:
-    """Mean and variance of the latent field (no noise), in the sensor's units and their square."""
+    """Mean and variance of the latent field (no noise), in the sensor's units and their square.
+
+    Variances are not clipped: rounding may leave one a millionth of σf² below 0 or above σf².
+    """
 
     mean: FloatArray
     variance: FloatArray

@@ -16,8 +16,9 @@ from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 
 _DIMENSIONS = 2
 # On arrival novelty measures extrapolation, in a rebuild interpolation: the same threshold would leave a
-# third of the capacity unused, and the error between and beyond the tracks would be a fifth larger.
-_REBUILD_NOVELTY = 1e-2
+# third of the capacity unused, and the error between and beyond the tracks would be a seventh larger. Much less
+# would fill the basis at once and leave too few newcomers for their share of it to tell when to re-estimate.
+_REBUILD_NOVELTY = 0.1
 
 
 @dataclass(frozen=True)
@@ -297,6 +298,8 @@ def _rebuild(request: ReestimateRequest, h: Hyperparameters, prior_mean: float) 
 
 
 def _safe_variance(values: FloatArray) -> float:
-    """The variance of the readings; something tiny but positive if they do not vary."""
+    """The variance of the readings; something tiny but positive if they do not vary; 1 if there are none."""
+    if not len(values):
+        return 1.0
     scale = float(np.abs(values).max()) or 1.0
     return max(float(values.var()), (1e-9 * scale) ** 2)

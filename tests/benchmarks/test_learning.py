@@ -24,9 +24,8 @@ def seconds(function, number, repeat=7):
 def report(capsys):
     def say(what, spent, reference, name):
         with capsys.disabled():
-            print(
-                f"\n{what}: {spent * 1e6:.0f} µs = {spent / reference:.2f} × {name} ({reference * 1e6:.0f} µs)"
-            )
+            ratio = spent / reference
+            print(f"\n{what}: {spent * 1e6:.0f} µs = {ratio:.2f} × {name} ({reference * 1e6:.0f} µs)")
 
     return say
 

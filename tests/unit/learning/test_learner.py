@@ -224,6 +224,15 @@ def test_too_few_points_keep_the_hyperparameters_and_say_so():
 
 
 @pytest.mark.parametrize("data", ["history", "basis"])
+def test_no_readings_at_all_keep_everything_as_it_is(data):
+    learner = Learner(SPAN, centring_samples=0, hyperparameters=TRUE)
+    result = reestimate(learner.reestimate_request(0, EstimationSection(data=data)))
+    assert result.hyperparameters == TRUE
+    learner.adopt(result)
+    assert learner.add((0.0, 0.0), 1.0, 5.0) is Update.ADDED
+
+
+@pytest.mark.parametrize("data", ["history", "basis"])
 @pytest.mark.parametrize("case", ["constant", "zero", "one place", "all the same", "a line"])
 def test_degenerate_readings_break_nothing(case, data):
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""A ship's track: 100 000 readings a metre apart, on which the textbook recursions diverge within a hundred."""
+"""A ship's track, 100 000 readings a metre apart: the textbook recursions diverge within a hundred."""
 
 import numpy as np
 import pytest
