@@ -15,9 +15,9 @@ from autonomy.learning.kernel import FloatArray, Hyperparameters
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 
 _DIMENSIONS = 2
-# On arrival novelty measures extrapolation, in a rebuild interpolation: the same threshold would leave a third
-# of the capacity unused, and the error between and beyond the tracks would be a seventh larger. Much less would
-# fill the basis at once, and too few newcomers would be left to tell when to re-estimate.
+# On arrival novelty measures extrapolation, in a rebuild interpolation: the same threshold would leave
+# a third of the capacity unused, and the error between and beyond the tracks would be a seventh larger.
+# Much less would fill the basis at once, and too few newcomers would tell when to re-estimate.
 _REBUILD_NOVELTY = 0.1
 
 
