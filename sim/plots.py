@@ -24,7 +24,8 @@ SPOT = "#ff5a36"
 INK = "#222222"
 VALUES_MAP = "viridis"
 DEVIATION_MAP = "magma"
-WIDTH_IN, HEIGHT_IN, DPI = 16.0, 10.0, 100
+WIDTH_IN, DPI = 16.0, 100
+MAP_WIDTH_IN, BAR_IN, COURSE_IN, TITLE_IN = 4.9, 1.5, 2.6, 0.5
 GOAL = 0.35  # of the field's standard deviation
 
 
@@ -75,11 +76,13 @@ def demo_figure(
     truth = np.asarray(truth, dtype=float)
     water = np.isfinite(truth)
     overlay = _Overlay(_km(track_m), _km(basis_m), _km(spots_m))
-    figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), dpi=DPI, facecolor="white")
+    # As high as the shape of the sea asks for; a sea that is a mere strip keeps some room.
+    map_in = MAP_WIDTH_IN * float(np.clip(np.ptp(y_km) / np.ptp(x_km), 0.3, 2.0)) + BAR_IN
+    figure = Figure(figsize=(WIDTH_IN, TITLE_IN + map_in + COURSE_IN), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     figure.set_layout_engine(ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08))
     figure.suptitle(title, fontsize=15, color=INK)
-    rows = figure.add_gridspec(2, 1, height_ratios=[2.9, 1.0])
+    rows = figure.add_gridspec(2, 1, height_ratios=[map_in, COURSE_IN])
     axes: Any = rows[0].subgridspec(1, 3).subplots(sharex=True, sharey=True)
     quantity = f"{label} ({units})" if units else label
     low, high = (float(v) for v in np.percentile(truth[water], [0.5, 99.5]))
@@ -207,6 +210,7 @@ def _course(axis: Axes, samples: ArrayLike, rmse: ArrayLike, field_std: float, u
         color=SPOT,
         fontsize=10.5,
         ha="right",
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.5},
     )
     axis.set(xlim=(0.0, last), ylim=(0.0, top), xlabel="samples")
     axis.set_ylabel(f"RMSE{f' ({units})' if units else ''}")
@@ -246,7 +250,7 @@ def _key(axis: Axes, overlay: _Overlay) -> None:
             markersize=6,
             label=f"basis vectors ({len(overlay.basis_km)})",
         ),
-        Patch(facecolor=LAND, edgecolor=SHORE, label="land"),
+        Patch(facecolor=LAND, edgecolor=SHORE, label="land, or outside"),
     ]
     axis.legend(
         handles=handles,
