@@ -7,8 +7,9 @@ from typing import Any
 import netCDF4
 import numpy as np
 
+from sim.curvilinear import CurvilinearGrid
 from sim.field import FieldError
-from sim.field_grid import CurvilinearGrid, FloatArray, Grid, RectilinearGrid, near
+from sim.field_grid import FloatArray, Grid, RectilinearGrid, near
 from sim.netcdf_values import decode
 
 
