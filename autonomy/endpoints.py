@@ -26,8 +26,9 @@ def session_settings(
     """Settings of a zenoh session: path in zenoh's configuration to value.
 
     A session finds only whom it is told of (no scouting), dials for ever, and is back within a second or two
-    after its router is. Shared memory stays off: it leaves files behind when a process is killed.
-    Not being able to listen is an error at once.
+    after its router is. Opening a client's fails after a few seconds without a router (waiting for one could
+    not be interrupted); once open it dials for ever too. Shared memory stays off: it leaves files behind when
+    a process is killed. Not being able to listen is an error at once.
 
     Raises:
         ValueError: an address isn't one.
@@ -35,9 +36,9 @@ def session_settings(
     return {
         "mode": mode,
         "connect/endpoints": [check_endpoint(text) for text in connect],
-        "connect/timeout_ms": -1,
+        "connect/timeout_ms": 4000 if mode == "client" else -1,
         "connect/exit_on_failure": False,
-        "connect/retry": {"period_init_ms": 250, "period_max_ms": 1000, "period_increase_factor": 2},
+        "connect/retry": {"period_init_ms": 250, "period_max_ms": 500, "period_increase_factor": 2},
         "listen/endpoints": [check_endpoint(text) for text in listen],
         "listen/timeout_ms": 0,
         "listen/exit_on_failure": True,

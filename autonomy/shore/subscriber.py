@@ -141,10 +141,10 @@ class Subscriber:
         self._thread.start()
 
     def close(self, timeout_s: float = 5.0) -> None:
-        """End the thread and close the session, within the timeout."""
+        """End the thread and close the session, within the timeout; a dial under way ends by itself."""
         self._stopping.set()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
-            self._thread.join(timeout_s)
+            self._thread.join(timeout_s if self._session is not None else 0.1)
 
     def vehicles(self) -> list[str]:
         """Names of the vehicles heard of, sorted."""
@@ -186,6 +186,7 @@ class Subscriber:
         session = self._session or self._dial()
         if session is None:
             return
+        self._session = session
         with (
             session,
             session.declare_subscriber(f"usv/{self._selector}/*", self._on_sample),
