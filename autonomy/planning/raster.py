@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -51,9 +52,10 @@ class Raster:
         cell = survey.span_m / survey.passage_cells
         x = np.linspace(x_min, x_max, max(1, round((x_max - x_min) / cell)) + 1)
         y = np.linspace(y_min, y_max, max(1, round((y_max - y_min) / cell)) + 1)
-        squares = shapely.box(x[:-1, None], y[None, :-1], x[1:, None], y[None, 1:])
         shapely.prepare(survey.navigable)
-        return cls(x, y, shapely.covers(survey.navigable, squares))
+        # Column by column: a million squares at once would take half a gigabyte.
+        columns = (shapely.box(west, y[:-1], east, y[1:]) for west, east in pairwise(x))
+        return cls(x, y, np.stack([shapely.covers(survey.navigable, column) for column in columns]))
 
     @cached_property
     def number(self) -> IntArray:
