@@ -47,7 +47,7 @@ class Notifier:
         return self.send("STATUS=" + " ".join(text.split()))
 
     def send(self, *assignments: str) -> bool:
-        """Send assignments as one datagram without waiting; False (and one warning in the log) if it didn't go."""
+        """Send assignments as one datagram without waiting; False, with a warning once, if that failed."""
         if self._address is None:
             return False
         try:
