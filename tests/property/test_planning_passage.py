@@ -1,7 +1,7 @@
 """No leg touches land: over random coasts with islands, spits and diagonal gaps, and over a real one.
 
-The check shares nothing with the code under test: every leg is intersected with the land polygons themselves, and,
-where the land came from a mask, looked up in the mask.
+The check shares nothing with the code under test: every leg is intersected with the land polygons themselves
+and, where the land came from a mask, looked up in the mask.
 """
 
 from itertools import pairwise

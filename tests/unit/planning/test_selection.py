@@ -52,10 +52,13 @@ def literal_programme(S, n):
                 if x not in path
             ]
             if ways:
-                value, path = max(ways, key=lambda way: way[0])
+                # Ties go to the first. Which path survives a tie decides what can follow it, hence the value.
+                best = max(value for value, _ in ways)
+                value, path = next(way for way in ways if way[0] >= best - 1e-11)
                 longer[x] = ((*path, x), value)
         paths = longer
-    return max(paths.values(), key=lambda state: state[1])
+    best = max(value for _, value in paths.values())
+    return next(state for state in paths.values() if state[1] >= best - 1e-11)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5, 9])
@@ -75,6 +78,15 @@ def test_values_equal_the_literal_programme_from_nearly_independent_to_nearly_eq
     selection = select_by_dynamic_programming(S, 4)
     assert selection.objective == pytest.approx(value, abs=1e-9)
     assert set(selection.sites) == set(path)
+
+
+@pytest.mark.parametrize(("side", "lengthscale", "n"), [(3, 1.0, 6), (4, 1.5, 4), (4, 0.7, 5)])
+def test_on_a_lattice_full_of_ties_the_sequence_itself_is_the_literal_one(side, lengthscale, n):
+    S = lattice_covariance(side, lengthscale)
+    path, value = literal_programme(S, n)
+    selection = select_by_dynamic_programming(S, n)
+    assert selection.sites == path
+    assert selection.objective == pytest.approx(value, abs=1e-9)
 
 
 def test_the_objective_is_the_sum_over_the_path_and_an_upper_bound_of_the_information():
