@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from autonomy.verbs import Verb, run_verb
 
 _VERBS = {
-    "run": Verb("autonomy.shell.run_cli", "run the service on board"),
-    "check-config": Verb("autonomy.config_check_cli", "check configuration files"),
-    "show-config": Verb("autonomy.config_show_cli", "show the configuration and where each value comes from"),
+    "run": Verb("autonomy.commands.run", "run the service on board"),
+    "check-config": Verb("autonomy.commands.check_config", "check configuration files"),
+    "show-config": Verb("autonomy.commands.show_config", "show the configuration and where each value comes from"),
     "shore": Verb("autonomy.shore.cli", "the other end of the link: watch a vehicle"),
 }
 

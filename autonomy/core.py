@@ -20,7 +20,7 @@ from autonomy.exploration import Decision, Exploration, Figures, Trigger
 from autonomy.helm import Helm
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
-from autonomy.mavlink.authority import Command, mode_name
+from autonomy.mavlink.authority import Command, OnBoard, mode_name
 from autonomy.mavlink.telemetry import Observation
 from autonomy.planning.passage import Unreachable, passage_of
 from autonomy.planning.plan import Plan
@@ -210,11 +210,14 @@ class Core:
             return State.WAITING_FOR_VEHICLE, "nothing heard from the autopilot yet"
         if self._helm.telemetry.lost(now):
             return State.WAITING_FOR_VEHICLE, "the autopilot has fallen silent"
+        permission = self._helm.authority.decide(vehicle)
+        reason = self._helm.authority.reason if permission.allowed else permission.reason
         if self._yielded:
-            return State.YIELDED, self._helm.authority.reason
+            return State.YIELDED, reason
         if not self._helm.authority.survey_started:
-            return State.WAITING_FOR_VEHICLE, self._helm.authority.reason
-        return State.EXPLORING, self._helm.authority.reason
+            return State.WAITING_FOR_VEHICLE, reason
+        # A mission that somebody else has put on board is his will as much as his mode switch.
+        return State.YIELDED if self._helm.authority.on_board is OnBoard.FOREIGN else State.EXPLORING, reason
 
     def _decide(self) -> Decision | None:
         helm = self._helm

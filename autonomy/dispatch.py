@@ -116,6 +116,13 @@ class MissionDispatch:
         if self._machine is None:
             return []
         sent = self._machine.handle(now, message)
+        if isinstance(self._machine, MissionTransfer) and self._machine.contested:
+            # What we would overwrite may be what the operator has just sent: look first.
+            sent += self._machine.cancel()
+            self._notes.append("somebody else is uploading a mission: ours waits")
+            self._waiting = self._waiting or self._sending
+            self._void()
+            self._left_mixture, self._not_before = False, now + RETRY_S
         self._conclude(now)
         return sent
 

@@ -79,4 +79,4 @@ def advance_along(points_m: ArrayLike, distance_m: float) -> FloatArray:
         if leg > 0.0 and remaining <= leg:
             return np.asarray(start + (end - start) * (remaining / leg))
         remaining -= leg
-    return points[-1].copy()
+    return np.array(points[-1], dtype=float)

@@ -226,7 +226,8 @@ async def _follow(
                 continue
             bar.update(min(loop.time() - begun, options.seconds) - bar.n)
             model = course.model
-            if model is not None and model.sequence != judged and model.samples > 0:
+            # Until offset and scale are known there is no belief to judge.
+            if model is not None and model.sequence != judged and len(model.model.basis):
                 judged = model.sequence
                 rmse, std = judge(scene, model)
                 course.samples.append(model.samples)

@@ -1,4 +1,4 @@
-"""The operator's part in a demo: a ground station that arms the boat and selects AUTO once a mission is on board."""
+"""The operator in a demo: a ground station that arms the boat and selects AUTO once a mission is on board."""
 
 import asyncio
 from typing import Any

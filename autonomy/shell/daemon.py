@@ -54,7 +54,6 @@ class Daemon:
         """Run until SIGTERM or SIGINT.
 
         Raises:
-            OSError: the endpoint's address can't be had.
             Exception: whatever the core raised, which is a bug: the service manager starts us again.
         """
         loop = asyncio.get_running_loop()

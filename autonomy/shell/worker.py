@@ -16,6 +16,7 @@ log = logging.getLogger(__name__)
 
 _MAXIMUM_ANSWER_BYTES = 2**30
 _UNPICKLE_IN_THREAD_BYTES = 200_000
+_PIECE_BYTES = 2**18
 _FIRST_RESTART_PAUSE_S = 0.5
 _LONGEST_RESTART_PAUSE_S = 30.0
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
@@ -144,7 +145,7 @@ class Worker:
                 if length > _MAXIMUM_ANSWER_BYTES:
                     self._kill_reason = f"sent an answer of {length} bytes"
                     return
-                body = await process.stdout.readexactly(length)
+                body = await _read(process.stdout, length)
             except asyncio.IncompleteReadError:
                 return
             try:
@@ -206,6 +207,19 @@ class Worker:
         if self._kill_reason is None or self._kill_reason.startswith("can't start"):
             self._pause_s = min(_LONGEST_RESTART_PAUSE_S, max(_FIRST_RESTART_PAUSE_S, 2 * self._pause_s))
         self._finish(self._on_failed, reason)
+
+
+async def _read(stream: asyncio.StreamReader, length: int) -> bytearray:
+    """Exactly `length` bytes, copied in small pieces, lest the loop wait for many megabytes."""
+    body = bytearray(length)
+    filled = 0
+    while filled < length:
+        piece = await stream.read(min(_PIECE_BYTES, length - filled))
+        if not piece:
+            raise asyncio.IncompleteReadError(b"", length)
+        body[filled : filled + len(piece)] = piece
+        filled += len(piece)
+    return body
 
 
 def _cause(returncode: int | None) -> str:

@@ -17,4 +17,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the chosen verb."""
-    return _VERBS[arguments.shore_verb].run(arguments)
+    code: int = _VERBS[arguments.shore_verb].run(arguments)
+    return code

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from autonomy.config import Configuration, ConfigurationError, Problem, load
-from autonomy.config_reference import keys
+from autonomy.config.reference import keys
 
 KEYS = [key.path for key in keys(Configuration)]
 AREA = [[33.0, -118.0], [33.2, -118.0], [33.2, -117.8]]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from autonomy import config_show_cli
+from autonomy.commands import show_config
 from autonomy.config import Configuration, ConfigurationError, load, load_with_origins
 
 AREA = "survey:\n  area: [[33.0, -118.0], [33.2, -118.0], [33.2, -117.8]]\n"
@@ -168,9 +168,9 @@ def test_show_config_prints_what_is_in_force_and_loads_back(
     (tmp_path / "kü ste: #1.geojson").write_text("{}")
     boat.write_text(boat.read_text().replace("model:", '  land: "kü ste: #1.geojson"\nmodel:'))
     parser = argparse.ArgumentParser()
-    config_show_cli.add_arguments(parser)
+    show_config.add_arguments(parser)
     override = "model.hyperparameters={signal_variance: 1, noise_variance: 1, lengthscales_m: [1, 2]}"
-    assert config_show_cli.run(parser.parse_args([str(boat), "--set", override])) == 0
+    assert show_config.run(parser.parse_args([str(boat), "--set", override])) == 0
     shown = capsys.readouterr().out
     assert f"  capacity: 60  # {boat}:5:3\n" in shown
     assert "  spots: 20  # default\n" in shown
@@ -187,8 +187,8 @@ def test_show_config_tells_mistakes_as_check_config_does(
 ) -> None:
     boat.write_text("seed: x\n")
     parser = argparse.ArgumentParser()
-    config_show_cli.add_arguments(parser)
-    assert config_show_cli.run(parser.parse_args([str(boat)])) == 78
+    show_config.add_arguments(parser)
+    assert show_config.run(parser.parse_args([str(boat)])) == 78
     output = capsys.readouterr()
     assert output.out == ""
     assert f"{boat}:1:1: seed: must be a whole number (got 'x')" in output.err

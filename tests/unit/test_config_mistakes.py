@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import pytest
 
-from autonomy import config_check_cli
+from autonomy.commands import check_config
 from autonomy.config import Configuration, ConfigurationError, ModelSection, SurveySection, load
-from autonomy.config_file import MAXIMUM_BYTES
+from autonomy.config.file import MAXIMUM_BYTES
 
 AREA = "survey:\n  area: [[33.0, -118.0], [33.2, -118.0], [33.2, -117.8]]\n"
 
@@ -291,9 +291,9 @@ def write(folder: Path, text: str | bytes) -> Path:
 
 def check(*files: Path, overrides: tuple[str, ...] = ()) -> int:
     parser = argparse.ArgumentParser()
-    config_check_cli.add_arguments(parser)
+    check_config.add_arguments(parser)
     words = [word for override in overrides for word in ("--set", override)]
-    return config_check_cli.run(parser.parse_args([*map(str, files), *words]))
+    return check_config.run(parser.parse_args([*map(str, files), *words]))
 
 
 @pytest.mark.parametrize("broken", BROKEN.values(), ids=BROKEN.keys())

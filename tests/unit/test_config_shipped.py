@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from pyproj import Geod
 
+from autonomy.commands.show_config import yaml_value
 from autonomy.config import Configuration, load
-from autonomy.config_file import read_document
-from autonomy.config_reference import KeyReference, keys
-from autonomy.config_show_cli import yaml_value
+from autonomy.config.file import read_document
+from autonomy.config.reference import KeyReference, keys
 from autonomy.planning.survey import read_survey
 
 REPOSITORY = Path(__file__).parents[2]

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from autonomy.config_problems import ConfigurationError, Origin, Problem, Source, printable
+from autonomy.config.problems import ConfigurationError, Origin, Problem, Source, printable
 
 KeyPath = tuple[str | int, ...]
 

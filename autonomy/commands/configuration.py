@@ -4,7 +4,7 @@ import argparse
 import sys
 
 from autonomy.config import ConfigurationError, Loaded, Origin, Problem, load_with_origins
-from autonomy.config_problems import Source
+from autonomy.config.problems import Source
 from autonomy.planning.survey import SurveyArea, SurveyError, read_survey
 
 EXIT_CONFIGURATION = 78

@@ -8,7 +8,7 @@ import shapely
 from pydantic import AfterValidator, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
-from autonomy.config_file import shown
+from autonomy.config.file import shown
 from autonomy.endpoints import check_endpoint
 
 ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD"

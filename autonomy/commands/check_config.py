@@ -4,7 +4,7 @@ import argparse
 import sys
 
 from autonomy.config import ConfigurationError
-from autonomy.config_cli import add_override_argument, load_with_survey, tell
+from autonomy.commands.configuration import add_override_argument, load_with_survey, tell
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

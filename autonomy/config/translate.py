@@ -8,9 +8,9 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from autonomy.config_file import Document, KeyPath, dotted, shown
-from autonomy.config_problems import Origin, Problem, Source
-from autonomy.config_reference import allowed, field_at, keys, section_of
+from autonomy.config.file import Document, KeyPath, dotted, shown
+from autonomy.config.problems import Origin, Problem, Source
+from autonomy.config.reference import allowed, field_at, keys, section_of
 
 _MUST = {
     "greater_than": "must be above {gt}",

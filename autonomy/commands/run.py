@@ -8,10 +8,10 @@ import os
 import sys
 
 from autonomy.config import ConfigurationError
-from autonomy.config_cli import add_override_argument, load_with_survey, tell
+from autonomy.commands.configuration import add_override_argument, load_with_survey, tell
 
 EXIT_SOFTWARE = 70
-EXIT_UNAVAILABLE = 69
+"""EX_SOFTWARE of sysexits.h; systemd restarts the service after it."""
 
 _SYSLOG_PRIORITY = {
     logging.DEBUG: 7,
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run until SIGTERM; exit codes: 69 the link's address can't be had, 70 a bug of ours, 78 configuration."""
+    """Run until SIGTERM; exit codes: 0 stopped, 70 a bug of ours, 78 configuration."""
     try:
         loaded, survey = load_with_survey(arguments.config, arguments.overrides)
     except ConfigurationError as error:
@@ -52,9 +52,6 @@ def run(arguments: argparse.Namespace) -> int:
     log = logging.getLogger("autonomy")
     try:
         asyncio.run(Daemon(loaded.configuration, survey).run())
-    except OSError as error:
-        log.error("the link %s can't be opened: %s", loaded.configuration.mavlink.endpoint, error)
-        return EXIT_UNAVAILABLE
     except Exception:
         log.exception("the service ends over an error of its own")
         return EXIT_SOFTWARE

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from autonomy.config_types import (
+from autonomy.config.types import (
     AREA_FORMS,
     ENDPOINT_FORMS,
     LOCATOR_FORMS,

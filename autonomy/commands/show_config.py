@@ -11,9 +11,9 @@ import yaml
 from pydantic import BaseModel
 
 from autonomy.config import ConfigurationError, Loaded, load_with_origins
-from autonomy.config_cli import add_override_argument, tell
-from autonomy.config_file import KeyPath
-from autonomy.config_problems import DEFAULT
+from autonomy.commands.configuration import add_override_argument, tell
+from autonomy.config.file import KeyPath
+from autonomy.config.problems import DEFAULT
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

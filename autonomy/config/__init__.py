@@ -8,12 +8,12 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from autonomy.config_file import Document, KeyPath, read_document
-from autonomy.config_overlay import apply_environment, apply_overrides
-from autonomy.config_problems import ConfigurationError, Origin, Problem, Source
-from autonomy.config_reference import holds_file, section_of
-from autonomy.config_translate import translate
-from autonomy.config_tree import (
+from autonomy.config.file import Document, KeyPath, read_document
+from autonomy.config.overlay import apply_environment, apply_overrides
+from autonomy.config.problems import ConfigurationError, Origin, Problem, Source
+from autonomy.config.reference import holds_file, section_of
+from autonomy.config.translate import translate
+from autonomy.config.tree import (
     Configuration,
     EstimationSection,
     ExplorationSection,

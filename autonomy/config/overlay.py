@@ -5,9 +5,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from autonomy.config_file import Document, KeyPath, parse_value
-from autonomy.config_problems import ConfigurationError, Origin, Problem, Source
-from autonomy.config_reference import field_at, section_of
+from autonomy.config.file import Document, KeyPath, parse_value
+from autonomy.config.problems import ConfigurationError, Origin, Problem, Source
+from autonomy.config.reference import field_at, section_of
 
 PREFIX = "HALOCLINE_"
 

@@ -1,0 +1,1 @@
+"""What the verbs of `autonomy` do; each is imported only when it is used."""

@@ -1,0 +1,145 @@
+"""Core and vessel in one process without sleeping: time jumps from deadline to deadline.
+
+Every byte between the two is real MAVLink, packed and parsed; only sockets and the wall clock are missing. Protocol time
+and simulated time are the same here, as on a real boat.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autonomy import jobs
+from autonomy.core import Core
+from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob, Topic
+from autonomy.events import DeadlineReached, Event, JobFailed, JobFinished, LinkUp, MessageReceived
+from autonomy.mavlink.codec import Codec
+from autonomy.planning.survey import SurveyArea
+from sim.autopilot import Autopilot, Mode
+from sim.router import Router
+
+_CORE, _OPERATOR = "core", "operator"
+_LONGEST_STEP_S = 1.0
+_START_S = 1000.0
+
+JobRunner = Callable[[str, Any, SurveyArea], Any]
+
+
+@dataclass
+class DiscreteRun:
+    """One survey, driven as fast as it computes.
+
+    Attributes:
+        core: the decisions.
+        autopilot: the vessel's half of MAVLink.
+        survey: the area, for the jobs.
+        job_s: simulated seconds that a job takes.
+        run_job: does the jobs; a JobFailed follows if it raises.
+        now: protocol time. It does not start at 0, since nothing may depend on that.
+        log: lines of the core's log, with their time.
+        published: what went ashore, by topic, in order.
+    """
+
+    core: Core
+    autopilot: Autopilot
+    survey: SurveyArea
+    job_s: float = 2.0
+    run_job: JobRunner = jobs.run
+    now: float = _START_S
+    log: list[tuple[float, str]] = field(default_factory=list)
+    published: dict[Topic, list[Any]] = field(default_factory=lambda: {topic: [] for topic in Topic})
+    sent: list[tuple[float, Any]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._router = Router(self.autopilot)
+        self._own = Codec(self.autopilot.system_id, 191)
+        self._operator = Codec(255, mavlink.MAV_COMP_ID_MISSIONPLANNER)
+        self._pending: list[tuple[float, Event]] = [(self.now, LinkUp())]
+        self._arrived: deque[bytes] = deque()
+        self._delivering = False
+        self._router.join(self.now, _CORE)
+
+    def advance(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Sail for `duration_s`, or until `until()` holds; returns whether it does."""
+        end = self.now + duration_s
+        while self.now < end and not until():
+            due = [time for time, _ in self._pending]
+            target = min([self.core.next_deadline(), self.now + _LONGEST_STEP_S, end, *due])
+            step_s = max(target - self.now, 1e-3)
+            self.now += step_s
+            self._arrive(self._router.advance(self.now, step_s))
+            for time, event in list(self._pending):
+                if time <= self.now:
+                    self._pending.remove((time, event))
+                    self.happened(event)
+            if self.core.next_deadline() <= self.now:
+                self.happened(DeadlineReached())
+        return until()
+
+    def happened(self, event: Event) -> None:
+        """Bring an event to the core, carry out what it asks, and bring it the answers."""
+        for effect in self.core.handle(self.now, event):
+            self._carry_out(effect)
+        self._deliver()
+
+    def operate(self, message: Any) -> None:
+        """The operator's ground station sends a message to the vessel."""
+        self._arrive(self._router.receive(self.now, _OPERATOR, self._operator.encode(message)))
+
+    def arm(self, *, armed: bool = True) -> None:
+        """The operator arms the boat or disarms it."""
+        self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, float(armed))
+
+    def select(self, mode: Mode) -> None:
+        """The operator selects a mode."""
+        self._command(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, float(mode))
+
+    def start_survey(self, patience_s: float = 60.0) -> None:
+        """Wait for a mission on board, then arm and select AUTO, as the operator would.
+
+        Raises:
+            RuntimeError: no mission came on board in time.
+        """
+        if not self.advance(patience_s, until=lambda: any("verified" in text for _, text in self.log)):
+            raise RuntimeError(f"no mission on board after {patience_s:g} s: {self.log[-3:]}")
+        self.arm()
+        self.select(Mode.AUTO)
+
+    def _command(self, command: int, *parameters: float) -> None:
+        padded = [*parameters, *[0.0] * (7 - len(parameters))]
+        self.operate(mavlink.MAVLink_command_long_message(self.autopilot.system_id, 1, command, 0, *padded))
+
+    def _arrive(self, packets: list[tuple[Any, bytes]]) -> None:
+        self._arrived.extend(packet for client, packet in packets if client == _CORE)
+        self._deliver()
+
+    def _deliver(self) -> None:
+        """Bring the core what has arrived, in order; what it is answered meanwhile queues up behind."""
+        if self._delivering:
+            return
+        self._delivering = True
+        while self._arrived:
+            for message in self._own.decode(self._arrived.popleft(), _CORE):
+                self.happened(MessageReceived(message))
+        self._delivering = False
+
+    def _carry_out(self, effect: Effect) -> None:
+        match effect:
+            case SendMessage(message):
+                self.sent.append((self.now, message))
+                packets = self._router.receive(self.now, _CORE, self._own.encode(message))
+                self._arrived.extend(packet for client, packet in packets if client == _CORE)
+            case StartJob(job_id, name, request, _):
+                self._pending.append((self.now + self.job_s, self._done(job_id, name, request)))
+            case Publish(topic, payload):
+                self.published[topic].append(payload)
+            case Log(_, text):
+                self.log.append((self.now, text))
+
+    def _done(self, job_id: int, name: str, request: Any) -> Event:
+        try:
+            return JobFinished(job_id, self.run_job(name, request, self.survey))
+        except Exception as error:  # noqa: BLE001 -- as in the worker: whatever a job raises is its answer
+            return JobFailed(job_id, f"{type(error).__name__}: {error}")
