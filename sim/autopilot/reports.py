@@ -23,6 +23,7 @@ CAPABILITIES = (
 _FIRMWARE_VERSION = 4 << 24 | 7 << 16 | mav.FIRMWARE_VERSION_TYPE_OFFICIAL
 _EKF_READY = 0x33F  # attitude, velocities, relative and absolute position, predictions of both
 _EKF_WAITING = 0x0A7  # attitude, velocities, height; constant-position mode
+_INT16_MAX = 32_767  # a current beyond 327 A is told as that
 _SENSORS = (
     mav.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | mav.MAV_SYS_STATUS_SENSOR_3D_ACCEL
@@ -134,7 +135,7 @@ class Reports:
             healthy,
             120,
             round(battery.voltage_v * 1e3),
-            round(battery.current_a * 1e2),
+            min(round(battery.current_a * 1e2), _INT16_MAX),
             round(battery.remaining * 1e2),
             *(0,) * 6,
         )
@@ -149,7 +150,7 @@ class Reports:
             mav.MAV_BATTERY_TYPE_LIPO,
             0x7FFF,
             volts,
-            round(battery.current_a * 1e2),
+            min(round(battery.current_a * 1e2), _INT16_MAX),
             round(battery.used_wh / battery.voltage_v * 1e3),
             round(battery.used_wh * 36.0),
             round(battery.remaining * 1e2),

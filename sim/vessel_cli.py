@@ -1,0 +1,226 @@
+"""`sim vessel`: the simulated vessel as a process of its own."""
+
+import argparse
+import asyncio
+import logging
+import math
+import signal
+import sys
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+
+from sim.autopilot import Autopilot, Options
+from sim.endpoints import Endpoint
+from sim.field import Field, FieldError, lattice, open_field, shrunk
+from sim.sensor import Sensor
+from sim.server import CannotListenError, VesselServer
+from sim.vessel import Battery, Handling, Position, UniformCurrent, Vessel
+
+DEFAULT_ENDPOINT = Endpoint("udpout", "127.0.0.1", 14550)
+_T = TypeVar("_T")
+
+
+class UsageError(ValueError):
+    """An argument that is well-formed but makes no sense here."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `sim vessel`."""
+    parser.add_argument(
+        "--listen",
+        metavar="ENDPOINT",
+        type=_argument(Endpoint.parse),
+        action="append",
+        help="udpin:HOST:PORT, udpout:HOST:PORT or tcp:HOST:PORT, repeatable"
+        f" (default: {DEFAULT_ENDPOINT}, where ground stations listen)",
+    )
+    clock = parser.add_argument_group("clock")
+    clock.add_argument(
+        "--speedup", type=_positive, default=1.0, metavar="N", help="simulated seconds a second"
+    )
+    clock.add_argument(
+        "--sitl-timers",
+        action="store_true",
+        help="run heartbeats, streams and mission timeouts in simulated time, as a real SITL does",
+    )
+    boat = parser.add_argument_group("boat")
+    boat.add_argument("--start", type=_argument(_position), metavar="LAT,LON", help="default: mid-field")
+    boat.add_argument("--home", type=_argument(_position), metavar="LAT,LON", help="default: the start")
+    boat.add_argument("--heading", type=_finite, default=0.0, metavar="DEG", help="at the start, true")
+    boat.add_argument("--speed-mps", type=_positive, default=2.0, metavar="V", help="cruise speed (2)")
+    boat.add_argument("--turn-rate", type=_positive, default=20.0, metavar="DEG_S", help="at most (20 deg/s)")
+    boat.add_argument("--waypoint-radius-m", type=_positive, default=2.0, metavar="R", help="WP_RADIUS (2)")
+    boat.add_argument(
+        "--current", type=_argument(_pair), default=(0.0, 0.0), metavar="EAST,NORTH", help="of the water, m/s"
+    )
+    boat.add_argument("--battery-wh", type=_positive, default=5000.0, metavar="WH", help="capacity (5000)")
+    sea = parser.add_argument_group("sea and instrument")
+    sea.add_argument(
+        "--field",
+        default="synthetic-patch",
+        metavar="SPEC",
+        help="synthetic[:SEED], synthetic-patch[:SEED] or a NetCDF file (default: synthetic-patch)",
+    )
+    sea.add_argument("--variable", metavar="NAME", help="which variable of the file")
+    sea.add_argument("--shrink-to-m", type=_positive, metavar="M", help="shrink a larger field to this size")
+    sea.add_argument("--sensor-name", default="SALT", metavar="NAME", help="of NAMED_VALUE_FLOAT (SALT)")
+    sea.add_argument("--sample-interval-s", type=_positive, default=1.0, metavar="S", help="simulated (1)")
+    sea.add_argument(
+        "--noise", type=_finite, default=0.0, metavar="STD", help="standard deviation of a reading"
+    )
+    sea.add_argument("--seed", type=int, default=0, help="of the noise")
+    autopilot = parser.add_argument_group("autopilot")
+    autopilot.add_argument("--sysid", type=int, default=1, metavar="ID", help="MAVLink system id (1)")
+    autopilot.add_argument(
+        "--ready-after-s", type=_finite, default=0.0, metavar="S", help="position estimate, simulated (0)"
+    )
+    autopilot.add_argument("--arming-checks", action="store_true", help="refuse to arm before that")
+    autopilot.add_argument(
+        "--request-int", action="store_true", help="ask for mission items with MISSION_REQUEST_INT"
+    )
+    autopilot.add_argument("--verbose", action="store_true", help="log clients and socket errors")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the vessel until SIGTERM or SIGINT; exit codes: 0 stopped, 2 usage or an endpoint is taken."""
+    logging.basicConfig(
+        stream=sys.stderr,
+        level=logging.DEBUG if arguments.verbose else logging.WARNING,
+        format="sim vessel: %(message)s",
+    )
+    try:
+        field = open_field(arguments.field, arguments.variable)
+        if arguments.shrink_to_m is not None:
+            field = shrunk(field, arguments.shrink_to_m)
+        autopilot = _autopilot(arguments, field)
+        asyncio.run(_serve(arguments, autopilot))
+    except CannotListenError as error:
+        print(f"sim vessel: cannot open {error}", file=sys.stderr)
+        return 2
+    except (FieldError, UsageError) as error:
+        print(f"sim vessel: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+async def _serve(arguments: argparse.Namespace, autopilot: Autopilot) -> None:
+    server = VesselServer(
+        autopilot,
+        arguments.listen or [DEFAULT_ENDPOINT],
+        speedup=arguments.speedup,
+        sitl_timers=arguments.sitl_timers,
+    )
+    loop = asyncio.get_running_loop()
+    for each in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(each, server.stop)
+    await server.start()
+    try:
+        places = ", ".join(map(str, server.endpoints))
+        print(f"sim vessel: ready on {places} at speed-up {arguments.speedup:g}", flush=True)
+        await server.run()
+    finally:
+        server.close()
+
+
+def _autopilot(arguments: argparse.Namespace, field: Field) -> Autopilot:
+    start = arguments.start or _middle_of(field)
+    if bool(field.is_land(*start)):
+        raise UsageError(f"--start {start.lat_deg:.6f},{start.lon_deg:.6f} is on land")
+    bounds = field.bounds
+    if not (bounds.south <= start.lat_deg <= bounds.north and bounds.west <= start.lon_deg <= bounds.east):
+        raise UsageError(
+            f"--start {start.lat_deg:.6f},{start.lon_deg:.6f} lies outside the field:"
+            f" latitude {bounds.south:.4f} to {bounds.north:.4f},"
+            f" longitude {bounds.west:.4f} to {bounds.east:.4f}"
+        )
+    epoch = field.info.start_utc
+    try:
+        vessel = Vessel(
+            start,
+            heading_deg=arguments.heading % 360.0,
+            handling=Handling(turn_rate_deg_s=arguments.turn_rate),
+            current=UniformCurrent(*arguments.current),
+            land=field,
+            # Whatever its cruise speed, the boat is built to cruise on 120 W.
+            battery=Battery(arguments.battery_wh, propulsion_w_per_m3s3=120.0 / arguments.speed_mps**3),
+        )
+        sensor = Sensor(
+            field,
+            np.random.default_rng(arguments.seed),
+            arguments.sensor_name,
+            arguments.sample_interval_s,
+            arguments.noise,
+        )
+        options = Options(
+            system_id=arguments.sysid,
+            speed_mps=arguments.speed_mps,
+            waypoint_radius_m=arguments.waypoint_radius_m,
+            start_utc_s=time.time() if epoch is None else epoch.timestamp(),
+            ready_after_s=arguments.ready_after_s,
+            arming_checks=arguments.arming_checks,
+            request_int=arguments.request_int,
+        )
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    return Autopilot(vessel, sensor, options, home=arguments.home)
+
+
+def _middle_of(field: Field) -> Position:
+    """The place with water that is nearest to the middle of the field, on a coarse lattice."""
+    bounds = field.bounds
+    lat, lon = lattice(field, max(*bounds.size_m) / 40.0)
+    water = np.isfinite(field.grid(lat, lon, 0.0)) & ~field.is_land(*np.meshgrid(lat, lon, indexing="ij"))
+    if not water.any():
+        raise UsageError("the field has no water to start in; give --start LAT,LON")
+    rows, columns = np.nonzero(water)
+    middle = Position(0.5 * (bounds.south + bounds.north), 0.5 * (bounds.west + bounds.east))
+    places = [
+        Position(float(lat[row]), float(lon[column])) for row, column in zip(rows, columns, strict=True)
+    ]
+    return min(places, key=middle.distance_to)
+
+
+def _argument(parse: Callable[[str], _T]) -> Callable[[str], _T]:
+    """A parser whose ValueErrors argparse shows in full."""
+
+    def checked(text: str) -> _T:
+        try:
+            return parse(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
+
+    return checked
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
+    return value
+
+
+def _positive(text: str) -> float:
+    value = _finite(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"must be positive, got {text}")
+    return value
+
+
+def _pair(text: str) -> tuple[float, float]:
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise ValueError(f"two numbers with a comma between them, not {text!r}")
+    first, second = map(float, parts)
+    if not (math.isfinite(first) and math.isfinite(second)):
+        raise ValueError(f"{text!r} is not finite")
+    return first, second
+
+
+def _position(text: str) -> Position:
+    lat, lon = _pair(text)
+    if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
+        raise ValueError(f"{text!r} is no LAT,LON in degrees")
+    return Position(lat, lon)
