@@ -7,7 +7,9 @@ from autonomy.verbs import Verb, run_verb
 _VERBS = {
     "run": Verb("autonomy.commands.run", "run the service on board"),
     "check-config": Verb("autonomy.commands.check_config", "check configuration files"),
-    "show-config": Verb("autonomy.commands.show_config", "show the configuration and where each value comes from"),
+    "show-config": Verb(
+        "autonomy.commands.show_config", "show the configuration and where each value comes from"
+    ),
     "shore": Verb("autonomy.shore.cli", "the other end of the link: watch a vehicle"),
 }
 

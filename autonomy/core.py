@@ -17,6 +17,7 @@ from autonomy.config import Configuration
 from autonomy.effects import Effect, Level, SendMessage, StartJob
 from autonomy.events import Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived, StopRequested
 from autonomy.exploration import Decision, Exploration, Figures, Trigger
+from autonomy.geometry import FloatArray
 from autonomy.helm import Helm
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
@@ -32,6 +33,9 @@ from autonomy.wire import HealthNotice, ModelSnapshot
 
 JOB_RETRY_S = 5.0
 """Pause after a job without a plan, doubled with every further one up to 32 times as long."""
+
+LEG_WATCH_S = 0.2
+"""How often the leg being sailed is held against the land; a check takes microseconds."""
 
 UPLOAD_S = 0.3
 """Protocol time from a finished plan to the vessel following it, on a good link."""
@@ -75,6 +79,7 @@ class Core:
         self._state = State.WAITING_FOR_VEHICLE
         self._reason = "nothing heard from the autopilot yet"
         self._stopping = False
+        self._leg_watch_due = 0.0
 
     def handle(self, now: float, event: Event) -> list[Effect]:
         """Take in one event at protocol time `now`; returns what the shell shall do, in order."""
@@ -136,15 +141,19 @@ class Core:
         if result.plan is None:
             self._postpone(now, f"no plan: {result.problem}")
             return
-        self._failed_in_a_row = 0
         if self._yielded:
             self._reporter.log(Level.INFO, "the new plan is dropped: the operator has the boat")
         else:
-            self._adopt(result.plan)
+            self._adopt(now, result.plan)
 
-    def _adopt(self, plan: Plan) -> None:
+    def _adopt(self, now: float, plan: Plan) -> None:
+        try:
+            plan = self._joined(plan)
+        except Unreachable as error:
+            self._postpone(now, f"the new plan can't be joined: {error}")
+            return
+        self._failed_in_a_row = 0
         self._plans += 1
-        plan = self._joined(plan)
         self._helm.offer(plan)
         self._reporter.planned(plan, self._plans)
         text = f"plan {self._plans} ({plan.reason}): {len(plan.spots_m)} spots, {plan.length_m / 1e3:.1f} km"
@@ -152,16 +161,23 @@ class Core:
         self._send(self._helm.say(f"halocline: plan {self._plans}, {plan.length_m / 1e3:.1f} km"))
 
     def _joined(self, plan: Plan) -> Plan:
-        """The plan from where the vessel is now: it may have left the plan's start, and land may lie between."""
+        """The plan from where the vessel is now: it may have left the plan's start, and land may lie between.
+
+        Raises:
+            Unreachable: there is no way over water to the plan's first corner.
+        """
         here = self._helm.position_m
-        if here is None or self._survey.leg_is_clear(here, plan.route_m[0]):
+        if here is None or self._is_free(here, plan.route_m[0]):
             return plan
-        try:
-            way = self._passage.path(here, plan.route_m[0])[1:-1]
-        except Unreachable:
-            return plan
+        way = self._passage.path(here, plan.route_m[0])[1:-1]
         is_spot = np.concatenate([np.zeros(len(way), dtype=bool), plan.is_spot])
         return replace(plan, start_m=here, route_m=np.vstack([way, plan.route_m]), is_spot=is_spot)
+
+    def _is_free(self, here: FloatArray, corner: FloatArray) -> bool:
+        """Whether the vessel may sail straight to a corner; from within the stand-off only land can forbid it."""
+        if self._survey.is_navigable(here)[0]:
+            return self._survey.leg_is_clear(here, corner)
+        return self._survey.approach_is_clear(here, corner)
 
     def _fail(self, now: float, job_id: int, reason: str) -> None:
         if self._job is None or self._job.job_id != job_id:
@@ -189,11 +205,30 @@ class Core:
         for note in self._helm.dispatch.take_notes():
             self._reporter.log(Level.INFO, note)
         self._look(now)
+        self._watch_leg(now)
         if self._job is None and now >= self._plan_not_before:
             decision = self._decide()
             if decision is not None:
                 self._start(now, decision)
         self._reporter.step(now, lambda: self._health(now), self._snapshot)
+
+    def _watch_leg(self, now: float) -> None:
+        """A mission is sailed from wherever the vessel is when it takes it up: see that no land lies in between."""
+        if not self._helm.sailing_ours or self._helm.dispatch.busy or now < self._leg_watch_due:
+            return
+        self._leg_watch_due = now + LEG_WATCH_S
+        active, route = self._helm.dispatch.active, self._helm.remaining_route_m()
+        if active is None or len(route) < 2 or self._survey.approach_is_clear(route[0], route[1]):
+            return
+        rest = replace(active.plan, route_m=route[1:], is_spot=active.plan.is_spot[1 - len(route) :])
+        try:
+            self._helm.offer(self._joined(rest))
+        except Unreachable as error:
+            self._reporter.log(
+                Level.ERROR, f"land lies before the vessel, and there is no way round: {error}"
+            )
+        else:
+            self._reporter.log(Level.WARNING, "land lies before the vessel: the mission goes round it")
 
     def _look(self, now: float) -> None:
         """What we are doing, and why; said once when it changes."""

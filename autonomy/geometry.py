@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,11 +24,15 @@ class LocalFrame:
 
     def __post_init__(self) -> None:
         if not (-90.0 <= self.origin_lat_deg <= 90.0 and -180.0 <= self.origin_lon_deg <= 360.0):
-            raise ValueError(f"not a position: latitude {self.origin_lat_deg}, longitude {self.origin_lon_deg}")
+            raise ValueError(
+                f"not a position: latitude {self.origin_lat_deg}, longitude {self.origin_lon_deg}"
+            )
 
     @cached_property
     def _forward(self) -> Transformer:
-        aeqd = f"+proj=aeqd +lat_0={self.origin_lat_deg!r} +lon_0={self.origin_lon_deg!r} +datum=WGS84 +units=m"
+        aeqd = (
+            f"+proj=aeqd +lat_0={self.origin_lat_deg!r} +lon_0={self.origin_lon_deg!r} +datum=WGS84 +units=m"
+        )
         return Transformer.from_crs("EPSG:4326", aeqd, always_xy=True)
 
     def __getstate__(self) -> dict[str, float]:
@@ -74,7 +79,7 @@ def advance_along(points_m: ArrayLike, distance_m: float) -> FloatArray:
     """The point reached after sailing `distance_m` along a polyline of shape (n, 2); its end if it is shorter."""
     points = np.asarray(points_m, dtype=float).reshape(-1, 2)
     remaining = max(0.0, distance_m)
-    for start, end in zip(points[:-1], points[1:], strict=True):
+    for start, end in pairwise(points):
         leg = float(np.hypot(*(end - start)))
         if leg > 0.0 and remaining <= leg:
             return np.asarray(start + (end - start) * (remaining / leg))

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -300,7 +301,7 @@ def _conclude(options: DemoOptions, scene: Scene, course: Course, operator: Oper
 
 def _legs(positions: Sequence[tuple[float, float]]) -> list[tuple[FloatArray, FloatArray]]:
     points = np.asarray(positions, dtype=float).reshape(-1, 2)
-    return list(zip(points[:-1], points[1:], strict=True))
+    return list(pairwise(points))
 
 
 def _spots(plan: PlanNotice, scene: Scene) -> FloatArray:

@@ -1,7 +1,7 @@
 """Core and vessel in one process without sleeping: time jumps from deadline to deadline.
 
-Every byte between the two is real MAVLink, packed and parsed; only sockets and the wall clock are missing. Protocol time
-and simulated time are the same here, as on a real boat.
+Every byte between the two is real MAVLink, packed and parsed; only sockets and the wall clock are missing.
+Protocol time and simulated time are the same here, as on a real boat.
 """
 
 from collections import deque

@@ -3,8 +3,8 @@
 import argparse
 import sys
 
-from autonomy.config import ConfigurationError
 from autonomy.commands.configuration import add_override_argument, load_with_survey, tell
+from autonomy.config import ConfigurationError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,8 +7,8 @@ import logging
 import os
 import sys
 
-from autonomy.config import ConfigurationError
 from autonomy.commands.configuration import add_override_argument, load_with_survey, tell
+from autonomy.config import ConfigurationError
 
 EXIT_SOFTWARE = 70
 """EX_SOFTWARE of sysexits.h; systemd restarts the service after it."""

@@ -10,8 +10,8 @@ from typing import Any
 import yaml
 from pydantic import BaseModel
 
-from autonomy.config import ConfigurationError, Loaded, load_with_origins
 from autonomy.commands.configuration import add_override_argument, tell
+from autonomy.config import ConfigurationError, Loaded, load_with_origins
 from autonomy.config.file import KeyPath
 from autonomy.config.problems import DEFAULT
 

@@ -226,7 +226,7 @@ class EstimationSection(Section):
     """How the hyperparameters are re-estimated."""
 
     objective: Literal["loo", "marginal"] = Field(
-        default="loo", description="what is maximised: leave-one-out or marginal likelihood"
+        default="marginal", description="what is maximised: leave-one-out or marginal likelihood"
     )
     data: Literal["history", "basis"] = Field(
         default="history",

@@ -8,6 +8,7 @@ import logging
 import os
 import signal
 from collections.abc import Hashable
+from dataclasses import replace
 from typing import Any
 
 from autonomy.config import Configuration
@@ -29,6 +30,7 @@ from autonomy.shell.publisher import Publisher
 from autonomy.shell.systemd import Notifier
 from autonomy.shell.transport import Transport
 from autonomy.shell.worker import Worker
+from autonomy.wire import HealthNotice
 
 log = logging.getLogger("autonomy")
 
@@ -127,6 +129,9 @@ class Daemon:
                     self._transport.send(self._codec.encode(message))
             case StartJob(job_id, name, request, deadline_s):
                 self._worker.submit(job_id, name, request, deadline_s)
+            case Publish(topic, HealthNotice() as health):
+                dropped = sum(self._publisher.status.dropped.values())
+                self._publisher.publish(topic, replace(health, dropped=dropped))
             case Publish(topic, payload):
                 self._publisher.publish(topic, payload)
             case Log(level, text):

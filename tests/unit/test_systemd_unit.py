@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from autonomy.config_cli import EXIT_CONFIGURATION
+from autonomy.commands.configuration import EXIT_CONFIGURATION
 from autonomy.shell import run_cli
 
 UNIT = Path(__file__).parents[2] / "systemd" / "halocline@.service"
