@@ -5,13 +5,12 @@ HALOCLINE_UPLOADS sets how many are sent at the wall clock's pace (one, unless s
 
 import asyncio
 import os
-import random
-import signal
-import socket
 import sys
 from collections.abc import Hashable
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from autonomy.mavlink.codec import Codec
@@ -19,36 +18,24 @@ from autonomy.mavlink.companion import heartbeat
 from autonomy.mavlink.mission import MissionTransfer, Route, Verified, time_scale, waypoint
 from autonomy.mavlink.telemetry import Telemetry
 from autonomy.shell.transport import Transport
+from sim.link import BadLink, UdpProxy
+
+sys.path.insert(0, str(Path(__file__).parent))
+from processes import Processes
 
 UPLOADS = int(os.environ.get("HALOCLINE_UPLOADS", "1"))
-LENGTH, LOSS, DOUBLED, DELAY_S = 30, 0.2, 0.1, 0.03
+LENGTH = 30
 LIMIT_S = 60.0
 START = (33.5, -118.9)
 
 pytestmark = pytest.mark.process
 
 
-class BadLink(asyncio.DatagramProtocol):
-    """Stands between one client and the vessel's address, treats each datagram by its own dice."""
-
-    def __init__(self, vessel: tuple[str, int], seed: int) -> None:
-        self._vessel = vessel
-        self._client: Any = None
-        self._dice = random.Random(seed)
-        self._transport: Any = None
-
-    def connection_made(self, transport: Any) -> None:
-        self._transport = transport
-
-    def datagram_received(self, data: bytes, addr: Any) -> None:
-        if addr != self._vessel:
-            self._client = addr
-        to = self._client if addr == self._vessel else self._vessel
-        for _ in range(2 if self._dice.random() < DOUBLED else 1):
-            if self._dice.random() >= LOSS and to is not None:
-                asyncio.get_running_loop().call_later(
-                    DELAY_S * self._dice.random(), self._transport.sendto, data, to
-                )
+def bad_link(seed: int) -> BadLink:
+    """One direction: a fifth is lost, a tenth doubled, and what arrives is mixed up."""
+    return BadLink(
+        np.random.default_rng(seed), loss=0.2, duplication=0.1, reordering=0.1, jitter_s=0.03, held_s=0.05
+    )
 
 
 class Companion:
@@ -90,42 +77,20 @@ class Companion:
         return self._loop.time() - started
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-async def start_vessel(port: int, *options: str) -> asyncio.subprocess.Process:
-    process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        *("-m", "sim", "vessel", "--listen", f"udpin:127.0.0.1:{port}", *options),
-        stdout=asyncio.subprocess.PIPE,
-    )
-    assert process.stdout is not None
-    async with asyncio.timeout(60):
-        assert b"ready" in await process.stdout.readline()
-    return process
-
-
 async def run(uploads: int, *options: str) -> None:
-    port = free_port()
-    vessel = await start_vessel(port, *options)
-    loop = asyncio.get_running_loop()
-    link, _ = await loop.create_datagram_endpoint(
-        lambda: BadLink(("127.0.0.1", port), seed=1), local_addr=("127.0.0.1", 0)
-    )
-    companion = Companion(f"udpout:127.0.0.1:{link.get_extra_info('sockname')[1]}")
-    try:
-        await companion.measure()
-        for number in range(uploads):
-            await upload_once(companion, number)
-    finally:
-        await companion.transport.close()
-        link.close()
-        vessel.send_signal(signal.SIGTERM)
-        await vessel.communicate()
-    assert vessel.returncode == 0
+    with Processes() as processes:
+        vessel = await asyncio.to_thread(processes.vessel, *options)
+        async with UdpProxy(
+            ("127.0.0.1", 0), ("127.0.0.1", vessel.port), up=bad_link(1), down=bad_link(2)
+        ) as proxy:
+            companion = Companion(f"udpout:127.0.0.1:{proxy.address[1]}")
+            try:
+                await companion.measure()
+                for number in range(uploads):
+                    await upload_once(companion, number)
+            finally:
+                await companion.transport.close()
+        assert vessel.stop() == 0
 
 
 async def upload_once(companion: Companion, number: int) -> None:
