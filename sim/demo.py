@@ -86,7 +86,6 @@ async def run_demo(options: DemoOptions) -> Outcome:
         FieldError: the field can't be used.
         DemoError: a process ended before its time, or nothing was learned.
     """
-    options.folder.mkdir(parents=True, exist_ok=True)
     ports = dict(zip(("vehicle", "operator", "shore"), free_ports(3), strict=True))
     sea = open_sea(options.spec, options.variable)
     print(sea.info.description)
@@ -170,14 +169,20 @@ async def _started(
 
 
 async def _ended(process: asyncio.subprocess.Process) -> None:
+    """End a process: kindly at first, but whatever happens it is gone afterwards."""
     if process.returncode is not None:
         return
     process.terminate()
     try:
-        await asyncio.wait_for(process.wait(), _STOP_S)
+        async with asyncio.timeout(_STOP_S):
+            await process.wait()
     except TimeoutError:
-        process.kill()
-        await process.wait()
+        print(f"process {process.pid} doesn't stop when asked and is killed", file=sys.stderr)
+    finally:
+        # Also when a second signal cancels the wait for the first one's effect.
+        if process.returncode is None:
+            process.kill()
+            await asyncio.shield(process.wait())
 
 
 def _noted(course: Course) -> Callable[[Update], None]:

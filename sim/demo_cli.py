@@ -3,10 +3,12 @@
 import argparse
 import asyncio
 import math
+import signal
 import sys
 from pathlib import Path
 
-from sim.demo import DemoError, DemoOptions, run_demo
+from sim.demo import DemoError, DemoOptions, Outcome, run_demo
+from sim.endpoints import Endpoint
 from sim.field import FieldError
 
 LARGEST_SPEEDUP = 500.0
@@ -27,20 +29,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--speedup", type=_speedup, default=LARGEST_SPEEDUP, metavar="N", help="at most 500 (500)"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the probe's noise (0)")
+    parser.add_argument("--seed", type=_seed, default=0, help="of the probe's noise (0)")
     parser.add_argument(
         "--out", type=Path, default=Path("demo-output"), metavar="FOLDER", help="(demo-output)"
     )
     parser.add_argument(
         "--ground-station",
+        type=_ground_station,
         default="127.0.0.1:14550",
         metavar="HOST:PORT",
-        help="where the vessel also sends its MAVLink, so that QGroundControl connects unaided (127.0.0.1:14550)",
+        help="where the vessel also sends its MAVLink, so that QGroundControl connects unaided; none for nowhere"
+        " (127.0.0.1:14550)",
     )
 
 
+class _StoppedError(Exception):
+    """A signal has ended the demo."""
+
+    def __init__(self, number: signal.Signals) -> None:
+        super().__init__(f"stopped by {number.name}")
+        self.exit_code = 128 + number
+
+
 def run(arguments: argparse.Namespace) -> int:
-    """Run the demo; exit codes: 0 done, 1 it failed or a leg crossed land, 2 the field can't be used."""
+    """Run the demo.
+
+    Exit codes: 0 done, 1 it failed or a leg crossed land, 2 the field or the folder can't be used, 128 and the
+    signal's number when a signal ended it (and, first, its processes).
+    """
     options = DemoOptions(
         folder=arguments.out,
         spec=arguments.field,
@@ -51,21 +67,66 @@ def run(arguments: argparse.Namespace) -> int:
         ground_station=arguments.ground_station,
     )
     try:
-        outcome = asyncio.run(run_demo(options))
+        options.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        return _failed(f"--out {options.folder}: {error.strerror}", 2)
+    try:
+        outcome = asyncio.run(_until_signalled(options))
     except FieldError as error:
-        print(f"sim demo: {error}", file=sys.stderr)
-        return 2
+        return _failed(error, 2)
     except DemoError as error:
-        print(f"sim demo: {error}", file=sys.stderr)
-        return 1
+        return _failed(error, 1)
+    except _StoppedError as stopped:
+        return _failed(stopped, stopped.exit_code)
     print(f"{outcome}\npicture: {outcome.picture}")
     return 1 if outcome.legs_over_land else 0
 
 
+def _failed(why: object, exit_code: int) -> int:
+    print(f"sim demo: {why}", file=sys.stderr)
+    return exit_code
+
+
+async def _until_signalled(options: DemoOptions) -> Outcome:
+    """The demo; a signal cancels it, and it ends its processes on the way out."""
+    demo = asyncio.ensure_future(run_demo(options))
+    caught: list[signal.Signals] = []
+
+    def stop(number: signal.Signals) -> None:
+        caught.append(number)
+        demo.cancel()
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        asyncio.get_running_loop().add_signal_handler(number, stop, number)
+    try:
+        return await demo
+    except asyncio.CancelledError:
+        raise _StoppedError(caught[0]) from None
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0, got {text}")
+    return int(text)
+
+
+def _ground_station(text: str) -> str | None:
+    if text == "none":
+        return None
+    try:
+        Endpoint.parse(f"udpout:{text}")
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be HOST:PORT or none, got {text}") from None
+    return text
+
+
 def _positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not (value > 0.0 and math.isfinite(value)):
-        raise argparse.ArgumentTypeError(f"must be positive, got {text}")
+        raise argparse.ArgumentTypeError(f"must be a positive number, got {text}")
     return value
 
 
