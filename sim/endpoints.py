@@ -6,6 +6,8 @@ No client can hold up another: sends never wait, and a TCP client that stops rea
 
 import asyncio
 import logging
+import socket
+import struct
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, cast
@@ -169,6 +171,9 @@ class TcpClient(asyncio.Protocol):
         self._transport = transport
         host, port = transport.get_extra_info("peername")[:2]
         self.name = f"tcp {host}:{port}"
+        # Keep the kernel's share of what is unsent small beside ours.
+        self._socket = transport.get_extra_info("socket")
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, MOST_UNSENT_BYTES // 4)
         self._callbacks.joined(self)
 
     def data_received(self, data: bytes) -> None:
@@ -185,6 +190,8 @@ class TcpClient(asyncio.Protocol):
             return
         if self._transport.get_write_buffer_size() > MOST_UNSENT_BYTES:
             LOG.warning("%s: has stopped reading, dropped", self.name)
+            # Reset, or the kernel would go on offering what nobody reads.
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             self._transport.abort()
             return
         self._transport.write(b"".join(packets))

@@ -101,7 +101,9 @@ class Commands:
         return Answer(ACCEPTED)
 
     def _set_mode(self, command: Command) -> Answer:
-        if int(command.params[0]) != mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        # Ground stations may add other flags of the base mode, such as "armed"; this one must be there.
+        base = command.params[0]
+        if not math.isfinite(base) or not int(base) & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return Answer(DENIED)
         return self.enter_number(command.params[1])
 
@@ -159,17 +161,20 @@ class Commands:
         return Answer(ACCEPTED, (self._reports.home_position(),))
 
     def _request_message(self, command: Command) -> Answer:
-        message = self._reports.build(int(command.params[0]))
+        number = command.params[0]
+        message = self._reports.build(int(number)) if math.isfinite(number) else None
         return Answer(FAILED) if message is None else Answer(ACCEPTED, (message,))
 
     def _set_interval(self, command: Command) -> Answer:
         message_id, interval_us = command.params[0], command.params[1]
+        if not (math.isfinite(message_id) and math.isfinite(interval_us)):
+            return Answer(DENIED)
         done = self._streams.set_interval(command.now, command.client, int(message_id), interval_us)
         return Answer(ACCEPTED if done else FAILED)
 
     def _get_interval(self, command: Command) -> Answer:
-        message_id = int(command.params[0])
-        if not 0 <= message_id <= 0xFFFF:
+        if not 0.0 <= command.params[0] <= 0xFFFF:
             return Answer(FAILED)
+        message_id = int(command.params[0])
         interval = self._streams.interval_us(command.client, message_id)
         return Answer(ACCEPTED, (mav.MAVLink_message_interval_message(message_id, interval),))
