@@ -94,10 +94,11 @@ class Handling:
 
     acceleration_mps2: float = 0.5
     turn_rate_deg_s: float = 20.0
+    top_speed_mps: float = 100.0
 
     def __post_init__(self) -> None:
-        if not (self.acceleration_mps2 > 0.0 and self.turn_rate_deg_s > 0.0):
-            raise ValueError(f"acceleration and turn rate must be positive, got {self}")
+        if not min(self.acceleration_mps2, self.turn_rate_deg_s, self.top_speed_mps) > 0.0:
+            raise ValueError(f"acceleration, turn rate and top speed must be positive, got {self}")
 
 
 @dataclass
@@ -216,6 +217,7 @@ class Vessel:
         self.previous = self.position
         most = self.handling.turn_rate_deg_s * dt_s
         turn = min(most, max(-most, angle_between_deg(self.heading_deg, heading_deg)))
+        speed_mps = min(self.handling.top_speed_mps, max(0.0, speed_mps))
         change = self.handling.acceleration_mps2 * dt_s
         self.speed_mps += min(change, max(-change, speed_mps - self.speed_mps))
         self.turn_rate_deg_s = turn / dt_s

@@ -47,14 +47,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="run heartbeats, streams and mission timeouts in simulated time, as a real SITL does",
     )
     boat = parser.add_argument_group("boat")
-    boat.add_argument("--start", type=_argument(_position), metavar="LAT,LON", help="default: mid-field")
+    boat.add_argument(
+        "--start",
+        type=_argument(_position),
+        metavar="LAT,LON",
+        help="default: mid-field (--start=-33.9,18.4)",
+    )
     boat.add_argument("--home", type=_argument(_position), metavar="LAT,LON", help="default: the start")
     boat.add_argument("--heading", type=_finite, default=0.0, metavar="DEG", help="at the start, true")
     boat.add_argument("--speed-mps", type=_positive, default=2.0, metavar="V", help="cruise speed (2)")
     boat.add_argument("--turn-rate", type=_positive, default=20.0, metavar="DEG_S", help="at most (20 deg/s)")
     boat.add_argument("--waypoint-radius-m", type=_positive, default=2.0, metavar="R", help="WP_RADIUS (2)")
     boat.add_argument(
-        "--current", type=_argument(_pair), default=(0.0, 0.0), metavar="EAST,NORTH", help="of the water, m/s"
+        "--current",
+        type=_argument(_pair),
+        default=(0.0, 0.0),
+        metavar="EAST,NORTH",
+        help="of the water, m/s (--current=-0.2,0.1)",
     )
     boat.add_argument("--battery-wh", type=_positive, default=5000.0, metavar="WH", help="capacity (5000)")
     sea = parser.add_argument_group("sea and instrument")

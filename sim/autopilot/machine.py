@@ -52,8 +52,10 @@ class Options:
             raise ValueError(
                 f"the system id must be 1 to 254 (255 is the ground station's), got {self.system_id}"
             )
-        if not (self.speed_mps > 0.0 and self.waypoint_radius_m > 0.0):
-            raise ValueError(f"speed and waypoint radius must be positive, got {self}")
+        if not 0.0 < self.speed_mps <= 100.0:
+            raise ValueError(f"the speed must be above 0 and at most 100 m/s, got {self.speed_mps}")
+        if not self.waypoint_radius_m > 0.0:
+            raise ValueError(f"the waypoint radius must be positive, got {self.waypoint_radius_m} m")
 
 
 class Autopilot:

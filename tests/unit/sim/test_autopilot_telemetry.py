@@ -231,7 +231,23 @@ def test_the_battery_drains(bench, gcs):
     assert last.voltages[0] < first.voltages[0]
 
 
-@pytest.mark.parametrize("options", [{"system_id": 255}, {"system_id": 0}, {"speed_mps": 0.0}])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("WP_SPEED", 1e30), ("WP_SPEED", -5.0), ("WP_RADIUS", -1.0), ("WP_RADIUS", 1e30), ("LOIT_RADIUS", 1e30)],
+)
+def test_absurd_parameters_make_absurd_boats_but_no_crash(bench, gcs, name, value):
+    gcs.send("param_set", 1, 1, name.encode(), value, mav.MAV_PARAM_TYPE_REAL32)
+    gcs.command(400, 1)
+    gcs.command(176, 1, 15)
+    gcs.send("set_position_target_global_int", 0, 1, 1, 6, 0xFFFC, -330_000_000, 1_000_000_000, *[0.0] * 9)
+    bench.advance(20.0, speedup=100.0, step_s=1.0)
+    assert 0.0 <= bench.autopilot.vessel.speed_mps <= 100.0
+    assert len(gcs.of("NAMED_VALUE_FLOAT")) == 2000
+
+
+@pytest.mark.parametrize(
+    "options", [{"system_id": 255}, {"system_id": 0}, {"speed_mps": 0.0}, {"waypoint_radius_m": -1.0}]
+)
 def test_impossible_options_are_refused(options):
     with pytest.raises(ValueError, match=r"must be"):
         Options(**options)
