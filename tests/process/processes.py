@@ -40,6 +40,7 @@ class Running:
 
     def __init__(self, words: tuple[str, ...], log: Path, environment: Mapping[str, str]) -> None:
         self._log = log
+        self._last_words: str | None = None
         with log.open("wb") as file:
             self.popen = subprocess.Popen(
                 [sys.executable, *words],
@@ -58,7 +59,7 @@ class Running:
     @property
     def said(self) -> str:
         """Everything it has printed so far."""
-        return self._log.read_text(errors="replace")
+        return self._log.read_text(errors="replace") if self._last_words is None else self._last_words
 
     def wait_for(self, words: str, within_s: float = SOON_S, count: int = 1) -> None:
         """Wait until it has said these words `count` times."""
@@ -94,6 +95,7 @@ class Running:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
         self.popen.wait()
+        self._last_words = self.said
 
 
 class Vessel(Running):
