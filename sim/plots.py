@@ -204,13 +204,12 @@ def _course(axis: Axes, samples: ArrayLike, rmse: ArrayLike, field_std: float, u
     last = float(np.max(count, initial=1.0))
     axis.annotate(
         f"{GOAL:.0%} of the field's standard deviation",
-        (last, goal),
-        xytext=(-4, 4),
+        (0.0, goal),
+        xytext=(6, 4),
         textcoords="offset points",
         color=SPOT,
         fontsize=10.5,
-        ha="right",
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.5},
+        ha="left",
     )
     axis.set(xlim=(0.0, last), ylim=(0.0, top), xlabel="samples")
     axis.set_ylabel(f"RMSE{f' ({units})' if units else ''}")

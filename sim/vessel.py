@@ -149,6 +149,7 @@ class Vessel:
     battery: Battery = field(default_factory=Battery)
     time_s: float = 0.0
     aground: bool = False
+    moored: bool = True
     turn_rate_deg_s: float = 0.0
     velocity_mps: tuple[float, float] = (0.0, 0.0)
     previous: Position = field(init=False)
@@ -159,6 +160,7 @@ class Vessel:
 
     def follow(self, leg: Leg, speed_mps: float, dt_s: float) -> None:
         """Sail one step along a leg: back to its line, along it, and no further than its end."""
+        self.moored = False
         course = _course_along(self.position, leg, max(_LOOKAHEAD_MIN_M, _LOOKAHEAD_S * self.speed_mps))
         heading = self._crab(course, max(speed_mps, 0.1))
         error = math.radians(angle_between_deg(self.heading_deg, heading))
@@ -173,8 +175,13 @@ class Vessel:
         else:
             self.follow(Leg(self.position, point), min(speed_mps, max(0.3, 0.5 * distance)), dt_s)
 
+    def lie(self, dt_s: float) -> None:
+        """One step disarmed: on the mooring at first, adrift after the boat has left it."""
+        self._step(self.heading_deg, 0.0, dt_s)
+
     def drift(self, dt_s: float) -> None:
         """One step with the propeller stopped."""
+        self.moored = False
         self._step(self.heading_deg, 0.0, dt_s)
 
     def passed(self, leg: Leg, radius_m: float) -> bool:
@@ -227,6 +234,8 @@ class Vessel:
         self.time_s += dt_s
 
     def _move(self, dt_s: float) -> None:
+        if self.moored:
+            return
         east, north = self.current.current(*self.position, self.time_s)
         heading = math.radians(self.heading_deg)
         east += self.speed_mps * math.sin(heading)

@@ -109,7 +109,7 @@ class Navigator:
     def advance(self, dt_s: float) -> None:
         """Drive one step as the mode says."""
         if not self.armed:
-            self.vessel.drift(dt_s)
+            self.vessel.lie(dt_s)
         elif self.mode is Mode.AUTO and self._state is MissionState.ACTIVE:
             self._drive_mission(dt_s)
         elif self.mode in (Mode.GUIDED, Mode.RTL, Mode.SMART_RTL) and self.leg is not None:
