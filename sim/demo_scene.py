@@ -23,7 +23,7 @@ SAMPLES_PER_SIDE = 50
 READINGS_PER_SAMPLE = 6
 """The probe reads this much more often than the model learns, so that the spacing is kept and not doubled."""
 
-BUDGET_SIDES = 14.0
+BUDGET_SIDES = 16.0
 """How far the vessel sails, in square roots of the water's area."""
 
 NOISE_SHARE = 0.05
@@ -96,7 +96,9 @@ def write_files(field: Field, folder: Path, ports: dict[str, int]) -> tuple[Path
         "mavlink": {"endpoint": f"udpin:127.0.0.1:{ports['vehicle']}", "acceptance_radius_m": 20.0},
         "sensor": {"variable": field.info.variable, "units": field.info.units or "1"},
         "survey": {"area": "area.geojson", "land": "land.geojson", "standoff_m": 100.0},
-        "exploration": {"maximum_interval_s": 10_000.0},
+        # Short paths, so that two minutes hold several; none is cut short by the clock.
+        "planning": {"spots": 15},
+        "exploration": {"maximum_interval_s": None},
         "shore": {"connect": [f"tcp/127.0.0.1:{ports['shore']}"], "model_period_s": 1.0},
     }
     file = folder / "demo.yaml"
