@@ -4,10 +4,10 @@
 process's monotonic clock); model time comes from the vehicle's own clock inside its messages.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -21,21 +21,23 @@ from autonomy.geometry import FloatArray
 from autonomy.helm import Helm
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
-from autonomy.mavlink.authority import Command, OnBoard, mode_name
+from autonomy.mavlink.authority import Command, OnBoard
 from autonomy.mavlink.telemetry import Observation
 from autonomy.planning.passage import Unreachable, passage_of
 from autonomy.planning.plan import Plan
 from autonomy.planning.planners import PlanRequest
 from autonomy.planning.survey import SurveyArea
-from autonomy.reporting import Reporter
+from autonomy.reporting import Reporter, Status
 from autonomy.sampling import SampleGate
-from autonomy.wire import HealthNotice, ModelSnapshot
 
 JOB_RETRY_S = 5.0
 """Pause after a job without a plan, doubled with every further one up to 32 times as long."""
 
 LEG_WATCH_S = 0.2
 """How often the leg being sailed is held against the land; a check takes microseconds."""
+
+LEG_ALARM_S = 30.0
+"""Pause between two alarms about land before the vessel that can't be sailed round."""
 
 UPLOAD_S = 0.3
 """Protocol time from a finished plan to the vessel following it, on a good link."""
@@ -68,27 +70,28 @@ class Core:
         self._gate = SampleGate(survey, configuration.sampling, configuration.sensor)
         self._learner = _learner(configuration, survey.span_m)
         self._exploration = Exploration(configuration.exploration, configuration.model.capacity)
-        self._reporter = Reporter(configuration, survey)
+        self._reporter = Reporter(configuration, survey, self._helm.telemetry, self._learner)
         self._effects: list[Effect] = []
         self._job: _Job | None = None
         self._jobs_started = 0
         self._failed_in_a_row = 0
         self._plan_not_before = 0.0
+        self._owed: Decision | None = None
         self._planning_s = 1.0
         self._plans = 0
         self._state = State.WAITING_FOR_VEHICLE
         self._reason = "nothing heard from the autopilot yet"
+        self._in_touch = False
+        self._may_upload = False
         self._stopping = False
         self._leg_watch_due = 0.0
 
     def handle(self, now: float, event: Event) -> list[Effect]:
         """Take in one event at protocol time `now`; returns what the shell shall do, in order."""
+        news = True
         match event:
             case MessageReceived(message):
-                observations, replies = self._helm.handle(now, message)
-                self._send(replies)
-                for observation in observations:
-                    self._observe(observation)
+                news = self._hear(now, message)
             case JobFinished(job_id, result):
                 self._finish(now, job_id, result)
             case JobFailed(job_id, reason):
@@ -101,7 +104,7 @@ class Core:
                 self._reporter.log(Level.WARNING, f"link to the vehicle is gone: {reason}")
             case StopRequested():
                 self._stop(now)
-        if not self._stopping:
+        if not self._stopping and (news or now >= self.next_deadline()):
             self._step(now)
         effects = self._effects + self._reporter.take()
         self._effects = []
@@ -109,9 +112,19 @@ class Core:
 
     def next_deadline(self) -> float:
         """Protocol time at which `handle(now, DeadlineReached())` must be called at the latest."""
+        if self._stopping:
+            return math.inf
         return min(self._helm.next_deadline(), self._reporter.next_deadline())
 
     # What comes in --------------------------------------------------------------------------------------------
+
+    def _hear(self, now: float, message: Any) -> bool:
+        """Take in a message; returns whether it told anything new."""
+        heard = self._helm.handle(now, message)
+        self._send(heard.replies)
+        for observation in heard.observations:
+            self._observe(observation)
+        return heard.news or bool(heard.observations)
 
     def _observe(self, observation: Observation) -> None:
         vehicle = self._helm.state
@@ -130,21 +143,28 @@ class Core:
             return
         self._job = None
         self._planning_s += 0.5 * (now - job.started - self._planning_s)
+        self._owed = replace(job.decision, reestimate=False)
         if result.reestimate is not None:
             self._learner.adopt(result.reestimate)
-            self._exploration.reestimated(self._model_time_s)
-            self._reporter.log(
-                Level.INFO, _told(result.reestimate.hyperparameters, result.reestimate.prior_mean)
-            )
+            self._exploration.reestimated(self._helm.model_time_s)
+            found = result.reestimate
+            self._reporter.reestimated(found.hyperparameters, found.prior_mean)
         else:
             self._learner.mark()
         if result.plan is None:
             self._postpone(now, f"no plan: {result.problem}")
             return
-        if self._yielded:
-            self._reporter.log(Level.INFO, "the new plan is dropped: the operator has the boat")
-        else:
+        self._look(now)
+        if self._is_wanted():
             self._adopt(now, result.plan)
+        else:
+            self._reporter.log(Level.INFO, f"the new plan is dropped: {self._reason}")
+
+    def _is_wanted(self) -> bool:
+        """Whether a plan that is ready now may still be brought on board, or may be once the mission there is read."""
+        if self._state is State.YIELDED or not self._in_touch:
+            return False
+        return self._may_upload or self._helm.authority.on_board is OnBoard.UNREAD
 
     def _adopt(self, now: float, plan: Plan) -> None:
         try:
@@ -152,12 +172,10 @@ class Core:
         except Unreachable as error:
             self._postpone(now, f"the new plan can't be joined: {error}")
             return
-        self._failed_in_a_row = 0
+        self._failed_in_a_row, self._owed = 0, None
         self._plans += 1
         self._helm.offer(plan)
         self._reporter.planned(plan, self._plans)
-        text = f"plan {self._plans} ({plan.reason}): {len(plan.spots_m)} spots, {plan.length_m / 1e3:.1f} km"
-        self._reporter.log(Level.INFO, f"{text}, {plan.mutual_information:.2f} nats")
         self._send(self._helm.say(f"halocline: plan {self._plans}, {plan.length_m / 1e3:.1f} km"))
 
     def _joined(self, plan: Plan) -> Plan:
@@ -196,21 +214,20 @@ class Core:
         self._stopping = True
         self._send(self._helm.say("halocline: service stops"))
         self._reporter.log(Level.INFO, "stopping")
-        self._reporter.flush(self._health(now), self._snapshot)
+        self._reporter.flush(self._status())
 
     # What time and state ask for ------------------------------------------------------------------------------
 
     def _step(self, now: float) -> None:
+        self._look(now)
+        self._watch_leg(now)
         self._send(self._helm.step(now))
         for note in self._helm.dispatch.take_notes():
             self._reporter.log(Level.INFO, note)
-        self._look(now)
-        self._watch_leg(now)
-        if self._job is None and now >= self._plan_not_before:
-            decision = self._decide()
-            if decision is not None:
-                self._start(now, decision)
-        self._reporter.step(now, lambda: self._health(now), self._snapshot)
+        decision = self._decide(now)
+        if decision is not None:
+            self._start(now, decision)
+        self._reporter.step(now, self._status)
 
     def _watch_leg(self, now: float) -> None:
         """A mission is sailed from wherever the vessel is when it takes it up: see that no land lies in between."""
@@ -224,6 +241,7 @@ class Core:
         try:
             self._helm.offer(self._joined(rest))
         except Unreachable as error:
+            self._leg_watch_due = now + LEG_ALARM_S
             self._reporter.log(
                 Level.ERROR, f"land lies before the vessel, and there is no way round: {error}"
             )
@@ -232,42 +250,50 @@ class Core:
 
     def _look(self, now: float) -> None:
         """What we are doing, and why; said once when it changes."""
-        state, reason = self._situation(now)
-        if state is State.YIELDED and self._state is not State.YIELDED:
-            self._send(self._helm.dispatch.withdraw())
+        self._in_touch = self._helm.is_heard(now)
+        state, reason = self._situation()
         if (state, reason) != (self._state, self._reason):
             self._reporter.log(Level.INFO, f"{state.value}: {reason}")
         self._state, self._reason = state, reason
 
-    def _situation(self, now: float) -> tuple[State, str]:
-        vehicle = self._helm.state
+    def _situation(self) -> tuple[State, str]:
+        vehicle, authority = self._helm.state, self._helm.authority
+        self._may_upload = False
         if vehicle is None:
             return State.WAITING_FOR_VEHICLE, "nothing heard from the autopilot yet"
-        if self._helm.telemetry.lost(now):
+        if not self._in_touch:
             return State.WAITING_FOR_VEHICLE, "the autopilot has fallen silent"
-        permission = self._helm.authority.decide(vehicle)
-        reason = self._helm.authority.reason if permission.allowed else permission.reason
-        if self._yielded:
+        permission = self._helm.dispatch.permission(vehicle)
+        self._may_upload = permission.allowed
+        reason = authority.reason if permission.allowed else permission.reason
+        if authority.command is Command.YIELDED:
             return State.YIELDED, reason
-        if not self._helm.authority.survey_started:
+        if not authority.survey_started:
             return State.WAITING_FOR_VEHICLE, reason
-        # A mission that somebody else has put on board is his will as much as his mode switch.
-        return State.YIELDED if self._helm.authority.on_board is OnBoard.FOREIGN else State.EXPLORING, reason
+        # A mission that somebody else has put on board, or removed, is his will as much as his mode switch.
+        replaced = authority.on_board in (OnBoard.FOREIGN, OnBoard.EMPTY) and not permission.allowed
+        return State.YIELDED if replaced else State.EXPLORING, reason
 
-    def _decide(self) -> Decision | None:
+    def _decide(self, now: float) -> Decision | None:
+        """What to plan for now, if it is time to and the plan could be sailed."""
         helm = self._helm
-        if helm.position_m is None or helm.dispatch.busy or not helm.upload_allowed():
+        if self._job is not None or now < self._plan_not_before or not self._may_upload:
             return None
-        if not helm.authority.survey_started or not helm.sailing_ours:
+        if helm.position_m is None or helm.dispatch.busy:
+            return None
+        if helm.dispatch.active is None or not helm.authority.survey_started:
             return Decision(Trigger.FIRST_PLAN, False, Trigger.FIRST_PLAN.value)
-        return self._exploration.decide(self._figures())
+        if not helm.sailing_ours:
+            return Decision(Trigger.DAMAGED, False, Trigger.DAMAGED.value)
+        return self._exploration.decide(self._figures()) or self._owed
 
     def _figures(self) -> Figures:
+        learner = self._learner
         return Figures(
-            model_time_s=self._model_time_s,
-            basis_size=len(self._learner.basis),
-            fresh=self._learner.fresh_count,
-            replaced=self._learner.replaced_since_mark,
+            model_time_s=self._helm.model_time_s,
+            basis_size=len(learner.gp) if learner.born else 0,
+            fresh=learner.fresh_count,
+            replaced=learner.replaced_since_mark,
             path_finished=self._helm.path_finished,
         )
 
@@ -299,59 +325,18 @@ class Core:
         """The vehicle's system id, which is ours too; None until it is known."""
         return None if self._helm.state is None else self._helm.state.system_id
 
-    @property
-    def _yielded(self) -> bool:
-        return self._helm.authority.command is Command.YIELDED
-
-    @property
-    def _model_time_s(self) -> float:
-        vehicle = self._helm.state
-        return 0.0 if vehicle is None or vehicle.model_time_s is None else vehicle.model_time_s
-
     def _send(self, messages: Sequence[Any]) -> None:
         self._effects.extend(SendMessage(message) for message in messages)
 
-    def _snapshot(self, sequence: int) -> ModelSnapshot:
-        offset_s = self._helm.telemetry.utc_offset_s
-        return ModelSnapshot(
-            vehicle=self._configuration.vehicle.name,
-            sequence=sequence,
-            software_version=version("halocline"),
-            variable=self._configuration.sensor.variable,
-            units=self._configuration.sensor.units,
-            model=self._learner.model(),
-            model_time_s=self._model_time_s,
-            utc_s=None if offset_s is None else self._model_time_s + offset_s,
-            samples=self._learner.samples,
-            rho=self._exploration.rho(self._figures()),
-            replans=self._plans,
-            origin_lat_deg=self._survey.frame.origin_lat_deg,
-            origin_lon_deg=self._survey.frame.origin_lon_deg,
-            bounds_m=self._survey.bounds,
-        )
-
-    def _health(self, now: float) -> HealthNotice:
-        vehicle = self._helm.state
-        return HealthNotice(
+    def _status(self) -> Status:
+        return Status(
             state=self._state.name.lower(),
             reason=self._reason,
-            mode="unknown" if vehicle is None else mode_name(vehicle.mode),
-            armed=vehicle is not None and vehicle.armed,
-            lat_deg=None if vehicle is None else vehicle.lat_deg,
-            lon_deg=None if vehicle is None else vehicle.lon_deg,
-            heading_deg=None if vehicle is None else vehicle.heading_deg,
-            groundspeed_mps=None if vehicle is None else vehicle.groundspeed_mps,
-            model_time_s=None if vehicle is None else vehicle.model_time_s,
-            samples=self._learner.samples,
-            basis_size=len(self._learner.basis),
             rho=self._exploration.rho(self._figures()),
-            rho0=self._configuration.exploration.rho0,
-            replans=self._plans,
-            distance_m=self._helm.distance_m,
-            clock_rate=self._helm.telemetry.clock_rate,
-            link_ok=vehicle is not None and not self._helm.telemetry.lost(now),
+            plans=self._plans,
             worker_busy=self._job is not None,
-            dropped=0,
+            in_touch=self._in_touch,
+            distance_m=self._helm.distance_m,
         )
 
 
@@ -368,12 +353,4 @@ def _learner(configuration: Configuration, span_m: float) -> Learner:
         hyperparameters=None
         if given is None
         else Hyperparameters(given.signal_variance, given.noise_variance, given.lengthscales_m),
-    )
-
-
-def _told(h: Hyperparameters, prior_mean: float) -> str:
-    scales = " x ".join(f"{scale:.0f}" for scale in h.lengthscales_m)
-    return (
-        f"re-estimated: mean {prior_mean:.3f}, signal sd {h.signal_variance**0.5:.3g}, "
-        f"length-scales {scales} m, noise sd {h.noise_variance**0.5:.3g}"
     )

@@ -7,7 +7,9 @@ let end. What is on board is read before it is replaced, and again whenever it m
 from dataclasses import dataclass
 from typing import Any
 
-from autonomy.mavlink.authority import Authority, OnBoard
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autonomy.mavlink.authority import Authority, Command, OnBoard, Permission
 from autonomy.mavlink.mission import (
     Failed,
     MissionDownload,
@@ -23,26 +25,42 @@ from autonomy.planning.plan import Plan
 RETRY_S = 2.0
 """Pause after a failed transfer; the link that failed it needs a moment."""
 
+Mission = tuple[MissionItem, ...]
+
 
 @dataclass(frozen=True, eq=False)
 class Dispatched:
     """A plan and the mission items that carry it out."""
 
     plan: Plan
-    items: tuple[MissionItem, ...]
+    items: Mission
 
 
 class MissionDispatch:
-    """The one owner of mission traffic with the vehicle; tells `authority` what is on board."""
+    """The one owner of mission traffic with the vehicle; tells `authority` what is on board.
+
+    Theory of operation. At any time one machine at most talks to the vehicle. `step` starts the next one:
+
+        nothing at all   while the operator or a failsafe has the boat: he may change the mission, so what we
+                         knew of it is forgotten, and what we were doing is ended
+        a download       when the mission on board is unread, and once more before a waiting plan replaces it
+        a transfer       of the waiting plan, if it is allowed
+    """
 
     def __init__(self, authority: Authority) -> None:
         self._authority = authority
         self.active: Dispatched | None = None
+        """The newest plan that was verified on board."""
+        self.reached = 0
+        """Number of the last waypoint of the active plan that the vessel has reached."""
         self._waiting: Dispatched | None = None
+        self._looked = False
         self._sending: Dispatched | None = None
         self._machine: MissionTransfer | MissionDownload | None = None
-        self._left_mixture = False
+        self._on_board: Mission | None = None
+        self._interrupted: list[Mission] = []
         self._not_before = 0.0
+        self._stepped = 0.0
         self._notes: list[str] = []
 
     @property
@@ -50,29 +68,46 @@ class MissionDispatch:
         """Whether a plan is on its way on board or waits to be."""
         return self._sending is not None or self._waiting is not None
 
+    @property
+    def talking(self) -> bool:
+        """Whether a conversation about the mission is going on."""
+        return self._machine is not None
+
+    def permission(self, vehicle: VehicleState) -> Permission:
+        """Whether a mission may be uploaded now, and why (not).
+
+        Whoever replaces or removes a mission of ours means it: his holds, also where `adopt` would let us
+        replace a mission that was there before we came.
+        """
+        permission = self._authority.decide(vehicle)
+        on_board = self._authority.on_board
+        if self._authority.command is Command.YIELDED:
+            return permission
+        if on_board is OnBoard.FOREIGN and self.active is not None:
+            return Permission(False, "somebody has put another mission on board in place of ours")
+        if on_board is OnBoard.EMPTY and self._authority.survey_started:
+            return Permission(False, "somebody has removed the mission from on board")
+        return permission
+
     def offer(self, dispatched: Dispatched) -> None:
         """Make this the plan to bring on board next; an older waiting one is dropped."""
-        self._waiting = dispatched
-
-    def withdraw(self) -> list[Any]:
-        """Somebody else has the boat: drop the waiting plan, end a running upload; returns messages to send."""
-        self._waiting = None
-        if not isinstance(self._machine, MissionTransfer):
-            return []
-        messages = self._machine.cancel()
-        self._void()
-        return messages
+        self._waiting, self._looked = dispatched, False
 
     def forget(self) -> None:
         """The link was gone: what is on board must be read again; a transfer under way is void and starts anew."""
         self._waiting = self._waiting or self._sending
         self._void()
 
-    def doubt(self) -> None:
-        """Somebody else may have changed the mission on board: read it again."""
-        if self._machine is None and self._authority.on_board is not OnBoard.UNREAD:
+    def compare(self, vehicle: VehicleState) -> None:
+        """Read the mission on board again if it has another length than the one we know."""
+        if self._machine is not None or self._on_board is None:
+            return
+        empty = vehicle.mission_state == mavlink.MISSION_STATE_NO_MISSION
+        total = 0 if empty else vehicle.mission_total
+        # Some autopilots count home, which is item 0.
+        if total is not None and total not in (len(self._on_board), len(self._on_board) + 1):
             self._notes.append("the mission on board has changed: reading it")
-            self._authority.mission_read(OnBoard.UNREAD)
+            self._void()
 
     def take_notes(self) -> list[str]:
         """What happened since the last call, for the log."""
@@ -80,14 +115,17 @@ class MissionDispatch:
         return notes
 
     def next_deadline(self) -> float | None:
-        """When `step` must be called at the latest."""
+        """When `step` must be called at the latest; None when only an event can bring us further."""
         if self._machine is not None:
             return self._machine.next_deadline()
         has_work = self._waiting is not None or self._authority.on_board is OnBoard.UNREAD
-        return self._not_before if has_work else None
+        return self._not_before if has_work and self._not_before > self._stepped else None
 
     def step(self, now: float, vehicle: VehicleState, route: Route, time_scale: float) -> list[Any]:
         """Start what can be started and let the running machine keep its deadlines; returns messages to send."""
+        self._stepped = now
+        if self._authority.command is Command.YIELDED:
+            return self._withdraw()
         if self._machine is not None:
             deadline = self._machine.next_deadline()
             sent = self._machine.on_deadline(now) if deadline is not None and deadline <= now else []
@@ -95,11 +133,30 @@ class MissionDispatch:
             return sent
         if now < self._not_before:
             return []
-        if self._authority.on_board is OnBoard.UNREAD:
+        unread = self._authority.on_board is OnBoard.UNREAD
+        if not unread and (self._waiting is None or not self.permission(vehicle).allowed):
+            return []
+        if unread or not self._looked:
             self._machine = MissionDownload(route, autopilot=vehicle.autopilot, time_scale=time_scale)
             return self._machine.start(now)
-        if self._waiting is None or not self._authority.decide(vehicle).allowed:
+        return self._upload(now, vehicle, route, time_scale)
+
+    def handle(self, now: float, message: Any) -> list[Any]:
+        """Give a message to the running machine; returns messages to send."""
+        if self._machine is None:
             return []
+        sent = self._machine.handle(now, message)
+        if isinstance(self._machine, MissionTransfer) and self._machine.contested:
+            # What we would overwrite may be what the operator has just sent: look first.
+            sent += self._machine.cancel()
+            self.forget()
+            self._interrupted.clear()
+            self._pause(now, "somebody else is uploading a mission: ours waits")
+        self._conclude(now)
+        return sent
+
+    def _upload(self, now: float, vehicle: VehicleState, route: Route, time_scale: float) -> list[Any]:
+        assert self._waiting is not None
         self._sending, self._waiting = self._waiting, None
         self._machine = MissionTransfer(
             self._sending.items,
@@ -111,25 +168,22 @@ class MissionDispatch:
         )
         return self._machine.start(now)
 
-    def handle(self, now: float, message: Any) -> list[Any]:
-        """Give a message to the running machine; returns messages to send."""
-        if self._machine is None:
-            return []
-        sent = self._machine.handle(now, message)
-        if isinstance(self._machine, MissionTransfer) and self._machine.contested:
-            # What we would overwrite may be what the operator has just sent: look first.
-            sent += self._machine.cancel()
-            self._notes.append("somebody else is uploading a mission: ours waits")
-            self._waiting = self._waiting or self._sending
-            self._void()
-            self._left_mixture, self._not_before = False, now + RETRY_S
-        self._conclude(now)
-        return sent
+    def _withdraw(self) -> list[Any]:
+        """Somebody else has the boat: drop the waiting plan, end what is running; returns messages to send."""
+        self._waiting = None
+        last_words = self._machine.cancel() if isinstance(self._machine, MissionTransfer) else []
+        self._void()
+        return last_words
 
     def _void(self) -> None:
-        self._left_mixture = self._left_mixture or self._sending is not None
-        self._sending, self._machine = None, None
+        if self._sending is not None:
+            self._remember_interrupted(self._sending.items)
+        self._sending = self._machine = self._on_board = None
         self._authority.mission_read(OnBoard.UNREAD)
+
+    def _remember_interrupted(self, items: Mission) -> None:
+        """A transfer that ended half-way leaves items of it among those that were on board before."""
+        self._interrupted += [self._on_board or (), items]
 
     def _conclude(self, now: float) -> None:
         """Draw the conclusions when the running machine has come to its end."""
@@ -142,38 +196,61 @@ class MissionDispatch:
                 self._machine = None
                 self._pause(now, f"the mission on board could not be read: {machine.reason}")
         elif machine is not None and machine.outcome is not None:
+            assert self._sending is not None
             if isinstance(machine.outcome, Failed):
-                self._failed(now, machine.outcome)
+                self._failed(now, self._sending, machine.outcome)
             else:
-                self._verified()
-                self._notes.append(f"mission of {len(machine.items)} waypoints verified on board")
+                self._verified(self._sending)
             self._machine, self._sending = None, None
 
-    def _verified(self) -> None:
-        self.active, self._left_mixture = self._sending, False
+    def _verified(self, sent: Dispatched) -> None:
+        self.active, self.reached = sent, 0
+        self._on_board = sent.items
+        self._interrupted.clear()
         self._authority.upload_verified()
+        self._notes.append(f"mission of {len(sent.items)} waypoints verified on board")
 
-    def _failed(self, now: float, failure: Failed) -> None:
+    def _failed(self, now: float, sent: Dispatched, failure: Failed) -> None:
         self._pause(now, f"mission transfer failed: {failure.reason}")
         if failure.on_board is not None:
-            self._verified()
-        else:
-            self._left_mixture = self._left_mixture or failure.on_board_unknown
-            self._authority.upload_failed(failure.on_board_unknown)
+            self._verified(sent)
+        elif failure.on_board_unknown:
+            self._remember_interrupted(sent.items)
+            self._on_board = None
+            self._authority.upload_failed(on_board_unknown=True)
         # Whatever of it is on board: it is not being sailed, so it is sent again, unless a newer one waits.
-        self._waiting = self._waiting or self._sending
+        self.offer(self._waiting or sent)
 
     def _pause(self, now: float, note: str) -> None:
         self._not_before = now + RETRY_S
         self._notes.append(note)
 
-    def _classify(self, items: tuple[MissionItem, ...]) -> None:
-        if not items:
-            on_board = OnBoard.EMPTY
-        elif self.active is not None and missions_equal(self.active.items, items):
-            on_board = OnBoard.OURS
-        else:
-            # A transfer of ours that ended half-way leaves a mixture of old and new items: ours to mend.
-            on_board = OnBoard.DAMAGED if self._left_mixture else OnBoard.FOREIGN
+    def _classify(self, items: Mission) -> None:
+        waiting = self._waiting
+        if waiting is not None and missions_equal(waiting.items, items) and not self._authority.in_command:
+            # Its upload had been complete when the link went; under way it still has to be made current.
+            self._waiting = None
+            self._verified(waiting)
+            return
+        changed = self._on_board is None or not missions_equal(self._on_board, items)
+        self._on_board, self._looked = items, True
+        on_board = self._judge(items)
         self._authority.mission_read(on_board)
-        self._notes.append(f"{len(items)} waypoints on board: {on_board.value}")
+        if on_board is OnBoard.FOREIGN:
+            self._waiting = None  # it was made for a boat that was ours to send
+        if changed:
+            self._notes.append(f"{len(items)} waypoints on board: {on_board.value}")
+
+    def _judge(self, items: Mission) -> OnBoard:
+        if not items:
+            return OnBoard.EMPTY
+        if self.active is not None and missions_equal(self.active.items, items):
+            return OnBoard.OURS
+        return OnBoard.DAMAGED if self._is_mixture(items) else OnBoard.FOREIGN
+
+    def _is_mixture(self, items: Mission) -> bool:
+        """Whether every item comes from a transfer of ours that ended half-way or from what it was to replace."""
+        return bool(self._interrupted) and all(
+            any(missions_equal(mission[k : k + 1], (item,)) for mission in self._interrupted)
+            for k, item in enumerate(items)
+        )

@@ -14,6 +14,7 @@ class Trigger(Enum):
     """Why a new plan is wanted; the value is how it is said to a person."""
 
     FIRST_PLAN = "first plan"
+    DAMAGED = "mission on board damaged"
     NOVELTY = "rho exceeded rho0"
     PATH_FINISHED = "path finished"
     MAXIMUM_INTERVAL = "maximum interval passed"

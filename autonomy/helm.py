@@ -1,6 +1,7 @@
 """The vehicle as the core sees it: where it is, who commands it, which mission it sails, and how to send it another."""
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,28 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autonomy.config import Configuration
 from autonomy.dispatch import Dispatched, MissionDispatch
 from autonomy.geometry import FloatArray, LocalFrame, advance_along
-from autonomy.mavlink.authority import Authority, OnBoard
+from autonomy.mavlink.authority import Authority, OnBoard, unsupported
 from autonomy.mavlink.companion import StreamRequests, heartbeat, status_text, wanted_streams
 from autonomy.mavlink.mission import Route, time_scale, waypoint
 from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
 from autonomy.planning.plan import Plan
 
 HEARTBEAT_S = 1.0
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What one message brought.
+
+    Attributes:
+        observations: complete readings.
+        replies: messages to send.
+        news: whether anything is different now.
+    """
+
+    observations: list[Observation]
+    replies: list[Any]
+    news: bool
 
 
 class Helm:
@@ -35,12 +51,21 @@ class Helm:
         self._position_m: FloatArray | None = None
         self._streams: StreamRequests | None = None
         self._heartbeat_due = 0.0
-        self._last_reached = 0
+        self._conversing = False
 
     @property
     def state(self) -> VehicleState | None:
         """The vehicle, once its autopilot is known."""
         return self.telemetry.state
+
+    @property
+    def model_time_s(self) -> float:
+        """The vehicle's clock as last heard; 0 before."""
+        return 0.0 if self.state is None or self.state.model_time_s is None else self.state.model_time_s
+
+    def is_heard(self, now: float) -> bool:
+        """Whether the autopilot is known and not silent."""
+        return self.state is not None and not self.telemetry.lost(now)
 
     @property
     def position_m(self) -> FloatArray | None:
@@ -56,15 +81,11 @@ class Helm:
     @property
     def path_finished(self) -> bool:
         """Whether the verified mission on board has been sailed to its end and nothing newer is on its way."""
-        if self.state is None or self.dispatch.active is None or not self.sailing_ours or self.dispatch.busy:
+        active = self.dispatch.active
+        if self.state is None or active is None or not self.sailing_ours or self.dispatch.busy:
             return False
-        return self.state.mission_state == mavlink.MISSION_STATE_COMPLETE or self._last_reached >= len(
-            self.dispatch.active.items
-        )
-
-    def upload_allowed(self) -> bool:
-        """Whether a mission may be uploaded now."""
-        return self.state is not None and self.authority.decide(self.state).allowed
+        is_complete = self.state.mission_state == mavlink.MISSION_STATE_COMPLETE
+        return is_complete or self.dispatch.reached >= len(active.items)
 
     def remaining_route_m(self) -> FloatArray:
         """From the vessel along the mission it sails, shape (k, 2); the vessel alone when it sails none of ours.
@@ -103,21 +124,23 @@ class Helm:
         self.dispatch.forget()
         self._streams = None
 
-    def handle(self, now: float, message: Any) -> tuple[list[Observation], list[Any]]:
-        """Take in one message; returns complete observations and messages to send."""
-        reboots = self.telemetry.reboots
+    def handle(self, now: float, message: Any) -> Heard:
+        """Take in one message."""
+        before, reboots = self.state, self.telemetry.reboots
         observations = self.telemetry.handle(now, message)
         if self.telemetry.reboots != reboots:
             self.link_changed()
-        if self.state is None:
-            return observations, []
-        self._follow(message, self.state)
+        state = self.state
+        if state is None:
+            return Heard(observations, [], news=False)
+        if state is not before:
+            self._follow(message, state)
+        reached = self.telemetry.take_reached()
+        self.dispatch.reached = max([self.dispatch.reached, *reached])
         replies = [] if self._streams is None else self._streams.handle(now, message)
-        before = self.dispatch.active
+        talking = self.dispatch.talking
         replies += self.dispatch.handle(now, message)
-        if self.dispatch.active is not before:
-            self._last_reached = 0
-        return observations, replies
+        return Heard(observations, replies, news=bool(state is not before or reached or talking))
 
     def step(self, now: float) -> list[Any]:
         """Everything the clock asks for: heartbeat, stream requests, transfers; returns messages to send."""
@@ -126,25 +149,29 @@ class Helm:
         if now >= self._heartbeat_due:
             sent.append(heartbeat(active=self.authority.in_command))
             self._heartbeat_due = now + HEARTBEAT_S * scale
-        if self.state is None or self.telemetry.lost(now):
+        state = self.state
+        if state is None or not self.is_heard(now) or unsupported(state):
+            self._conversing = False
             return sent
-        route = self._route(self.state)
+        if not self._conversing:
+            # However long it was away: it may have started again, or have been given another mission.
+            self.link_changed()
+            self._conversing = True
+        route = Route(state.system_id, self._mavlink.component_id, state.system_id, state.component_id)
         if self._streams is None:
-            self._streams = StreamRequests(
-                wanted_streams(self._mavlink.position_rate_hz), route, time_scale=scale
-            )
+            streams = wanted_streams(self._mavlink.position_rate_hz)
+            self._streams = StreamRequests(streams, route, time_scale=scale)
             sent += self._streams.start(now)
         sent += self._streams.on_deadline(now)
-        return sent + self.dispatch.step(now, self.state, route, scale)
+        return sent + self.dispatch.step(now, state, route, scale)
 
     def next_deadline(self) -> float:
         """When `step` must be called at the latest."""
+        if not self._conversing:
+            return self._heartbeat_due
         asked = None if self._streams is None else self._streams.next_deadline()
         deadlines = [self._heartbeat_due, asked, self.dispatch.next_deadline()]
         return min(deadline for deadline in deadlines if deadline is not None)
-
-    def _route(self, state: VehicleState) -> Route:
-        return Route(state.system_id, self._mavlink.component_id, state.system_id, state.component_id)
 
     def _follow(self, message: Any, state: VehicleState) -> None:
         """Mode, position, progress and the mission's size, after a message was taken in."""
@@ -155,9 +182,5 @@ class Helm:
             if self._position_m is not None:
                 self.distance_m += math.hypot(*np.subtract(point, self._position_m))
             self._position_m = point
-        elif kind == "MISSION_ITEM_REACHED":
-            self._last_reached = max([self._last_reached, *self.telemetry.take_reached()])
-        elif kind == "MISSION_CURRENT" and self.dispatch.active is not None and not self.dispatch.busy:
-            count = len(self.dispatch.active.items)
-            if state.mission_total is not None and state.mission_total not in (count, count + 1):
-                self.dispatch.doubt()
+        elif kind == "MISSION_CURRENT":
+            self.dispatch.compare(state)

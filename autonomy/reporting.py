@@ -2,10 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.metadata import version
 
 from autonomy.config import Configuration
 from autonomy.effects import Effect, Level, Log, Publish, Topic
-from autonomy.mavlink.telemetry import Observation
+from autonomy.learning.kernel import Hyperparameters
+from autonomy.learning.learner import Learner
+from autonomy.mavlink.authority import mode_name
+from autonomy.mavlink.telemetry import Observation, Telemetry
 from autonomy.planning.plan import Plan
 from autonomy.planning.survey import SurveyArea
 from autonomy.wire import HealthNotice, LogNotice, ModelSnapshot, ObservationNotice, PlanNotice
@@ -25,12 +29,43 @@ class _Schedule:
         return True
 
 
-class Reporter:
-    """Collects what there is to tell and turns it into Publish and Log effects."""
+@dataclass(frozen=True)
+class Status:
+    """What the core itself knows about the survey.
 
-    def __init__(self, configuration: Configuration, survey: SurveyArea) -> None:
+    Attributes:
+        state: what the service is doing.
+        reason: why.
+        rho: share of the basis that is new since the last re-estimate.
+        plans: number of plans made.
+        worker_busy: whether a job runs.
+        in_touch: whether the autopilot is heard.
+        distance_m: what has been sailed.
+    """
+
+    state: str
+    reason: str
+    rho: float
+    plans: int
+    worker_busy: bool
+    in_touch: bool
+    distance_m: float
+
+
+class Reporter:
+    """Collects what there is to tell and turns it into Publish and Log effects.
+
+    It looks at telemetry and learner and changes neither.
+    """
+
+    def __init__(
+        self, configuration: Configuration, survey: SurveyArea, telemetry: Telemetry, learner: Learner
+    ) -> None:
         self._configuration = configuration
         self._survey = survey
+        self._telemetry = telemetry
+        self._learner = learner
+        self._software_version = version("halocline")
         self._model_schedule = _Schedule(configuration.shore.model_period_s)
         self._health_schedule = _Schedule(configuration.shore.health_period_s)
         self._observations: list[ObservationNotice] = []
@@ -49,8 +84,18 @@ class Reporter:
             )
         )
 
+    def reestimated(self, hyperparameters: Hyperparameters, prior_mean: float) -> None:
+        """The model goes on under other hyperparameters."""
+        h = hyperparameters
+        scales = " x ".join(f"{scale:.0f}" for scale in h.lengthscales_m)
+        self.log(
+            Level.INFO,
+            f"re-estimated: mean {prior_mean:.3f}, signal sd {h.signal_variance**0.5:.3g}, "
+            f"length-scales {scales} m, noise sd {h.noise_variance**0.5:.3g}",
+        )
+
     def planned(self, plan: Plan, sequence: int) -> None:
-        """A new plan."""
+        """A new plan is on its way on board."""
         start, *route = self._survey.frame.to_geodetic([plan.start_m, *plan.route_m]).tolist()
         notice = PlanNotice(
             sequence=sequence,
@@ -62,6 +107,8 @@ class Reporter:
             reason=plan.reason,
         )
         self._effects.append(Publish(Topic.PLAN, notice))
+        text = f"plan {sequence} ({plan.reason}): {len(plan.spots_m)} spots, {plan.length_m / 1e3:.1f} km"
+        self.log(Level.INFO, f"{text}, {plan.mutual_information:.2f} nats")
 
     def log(self, level: Level, text: str) -> None:
         """A line for the log on board and, from INFO on, for people ashore."""
@@ -69,31 +116,74 @@ class Reporter:
         if level is not Level.DEBUG:
             self._effects.append(Publish(Topic.LOG, LogNotice(level.name.lower(), text)))
 
-    def step(
-        self, now: float, health: Callable[[], HealthNotice], snapshot: Callable[[int], ModelSnapshot]
-    ) -> None:
-        """Publish what is due; `health` and `snapshot(sequence)` are only asked when it is."""
+    def step(self, now: float, status: Callable[[], Status]) -> None:
+        """Publish what is due; `status` is only asked when something is."""
         if self._health_schedule.take(now):
-            self._tell_health(health())
+            self._tell_health(status())
         if self._model_schedule.take(now):
-            self._tell_model(snapshot)
+            self._tell_model(status())
 
-    def flush(self, health: HealthNotice, snapshot: Callable[[int], ModelSnapshot]) -> None:
+    def flush(self, status: Status) -> None:
         """The last words before a stop: nothing learned so far stays untold."""
-        self._tell_health(health)
-        self._tell_model(snapshot)
+        self._tell_health(status)
+        self._tell_model(status)
 
     def take(self) -> list[Effect]:
         """The effects collected since the last call, in order."""
         effects, self._effects = self._effects, []
         return effects
 
-    def _tell_health(self, health: HealthNotice) -> None:
-        self._effects.append(Publish(Topic.HEALTH, health))
+    def _tell_health(self, status: Status) -> None:
+        self._effects.append(Publish(Topic.HEALTH, self._health(status)))
         if self._observations:
             self._effects.append(Publish(Topic.OBSERVATIONS, tuple(self._observations)))
             self._observations = []
 
-    def _tell_model(self, snapshot: Callable[[int], ModelSnapshot]) -> None:
+    def _tell_model(self, status: Status) -> None:
         self._sequence += 1
-        self._effects.append(Publish(Topic.MODEL, snapshot(self._sequence)))
+        self._effects.append(Publish(Topic.MODEL, self._snapshot(status)))
+
+    def _snapshot(self, status: Status) -> ModelSnapshot:
+        offset_s = self._telemetry.utc_offset_s
+        vehicle = self._telemetry.state
+        model_time_s = 0.0 if vehicle is None else vehicle.model_time_s or 0.0
+        return ModelSnapshot(
+            vehicle=self._configuration.vehicle.name,
+            sequence=self._sequence,
+            software_version=self._software_version,
+            variable=self._configuration.sensor.variable,
+            units=self._configuration.sensor.units,
+            model=self._learner.model(),
+            model_time_s=model_time_s,
+            utc_s=None if offset_s is None else model_time_s + offset_s,
+            samples=self._learner.samples,
+            rho=status.rho,
+            replans=status.plans,
+            origin_lat_deg=self._survey.frame.origin_lat_deg,
+            origin_lon_deg=self._survey.frame.origin_lon_deg,
+            bounds_m=self._survey.bounds,
+        )
+
+    def _health(self, status: Status) -> HealthNotice:
+        vehicle = self._telemetry.state
+        return HealthNotice(
+            state=status.state,
+            reason=status.reason,
+            mode="unknown" if vehicle is None else mode_name(vehicle.mode),
+            armed=vehicle is not None and vehicle.armed,
+            lat_deg=None if vehicle is None else vehicle.lat_deg,
+            lon_deg=None if vehicle is None else vehicle.lon_deg,
+            heading_deg=None if vehicle is None else vehicle.heading_deg,
+            groundspeed_mps=None if vehicle is None else vehicle.groundspeed_mps,
+            model_time_s=None if vehicle is None else vehicle.model_time_s,
+            samples=self._learner.samples,
+            basis_size=len(self._learner.basis),
+            rho=status.rho,
+            rho0=self._configuration.exploration.rho0,
+            replans=status.plans,
+            distance_m=status.distance_m,
+            clock_rate=self._telemetry.clock_rate,
+            link_ok=status.in_touch,
+            worker_busy=status.worker_busy,
+            dropped=0,
+        )

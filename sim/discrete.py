@@ -1,7 +1,7 @@
 """Core and vessel in one process without sleeping: time jumps from deadline to deadline.
 
 Every byte between the two is real MAVLink, packed and parsed; only sockets and the wall clock are missing.
-Protocol time and simulated time are the same here, as on a real boat.
+Protocol time and the vessel's own time are the same here, as on a real boat, unless `speedup` says otherwise.
 """
 
 from collections import deque
@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autonomy import jobs
 from autonomy.core import Core
 from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob, Topic
-from autonomy.events import DeadlineReached, Event, JobFailed, JobFinished, LinkUp, MessageReceived
+from autonomy.events import DeadlineReached, Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived
 from autonomy.mavlink.codec import Codec
 from autonomy.planning.survey import SurveyArea
 from sim.autopilot import Autopilot, Mode
@@ -22,6 +22,7 @@ from sim.router import Router
 
 _CORE, _OPERATOR = "core", "operator"
 _LONGEST_STEP_S = 1.0
+_SHORTEST_STEP_S = 1e-3
 _START_S = 1000.0
 
 JobRunner = Callable[[str, Any, SurveyArea], Any]
@@ -35,11 +36,15 @@ class DiscreteRun:
         core: the decisions.
         autopilot: the vessel's half of MAVLink.
         survey: the area, for the jobs.
-        job_s: simulated seconds that a job takes.
+        job_s: seconds of protocol time that a job takes.
         run_job: does the jobs; a JobFailed follows if it raises.
         now: protocol time. It does not start at 0, since nothing may depend on that.
+        speedup: seconds of the vessel's time in one of protocol time. What is said once a second costs most of
+            a run, so at 20 it is over much sooner, at the price of decisions that are twenty times as rare.
+        linked: whether the link between the two carries anything; see `cut_link`.
         log: lines of the core's log, with their time.
         published: what went ashore, by topic, in order.
+        sent: what the core sent to the vehicle, with its time.
     """
 
     core: Core
@@ -48,6 +53,8 @@ class DiscreteRun:
     job_s: float = 2.0
     run_job: JobRunner = jobs.run
     now: float = _START_S
+    speedup: float = 1.0
+    linked: bool = True
     log: list[tuple[float, str]] = field(default_factory=list)
     published: dict[Topic, list[Any]] = field(default_factory=lambda: {topic: [] for topic in Topic})
     sent: list[tuple[float, Any]] = field(default_factory=list)
@@ -62,20 +69,26 @@ class DiscreteRun:
         self._router.join(self.now, _CORE)
 
     def advance(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Sail for `duration_s`, or until `until()` holds; returns whether it does."""
+        """Sail for `duration_s` of protocol time, or until `until()` holds; returns whether it does.
+
+        Raises:
+            RuntimeError: the core wants to be called at a time that has passed, which would hang a service.
+        """
         end = self.now + duration_s
         while self.now < end and not until():
             due = [time for time, _ in self._pending]
             target = min([self.core.next_deadline(), self.now + _LONGEST_STEP_S, end, *due])
-            step_s = max(target - self.now, 1e-3)
+            step_s = max(target - self.now, _SHORTEST_STEP_S)
             self.now += step_s
-            self._arrive(self._router.advance(self.now, step_s))
+            self._arrive(self._router.advance(self.now, step_s * self.speedup))
             for time, event in list(self._pending):
                 if time <= self.now:
                     self._pending.remove((time, event))
                     self.happened(event)
             if self.core.next_deadline() <= self.now:
                 self.happened(DeadlineReached())
+                if self.core.next_deadline() <= self.now:
+                    raise RuntimeError(f"at {self.now} the core asks for {self.core.next_deadline()} again")
         return until()
 
     def happened(self, event: Event) -> None:
@@ -83,6 +96,22 @@ class DiscreteRun:
         for effect in self.core.handle(self.now, event):
             self._carry_out(effect)
         self._deliver()
+
+    def cut_link(self, reason: str = "unplugged") -> None:
+        """The link is gone, and both ends notice: nothing passes until `restore_link`."""
+        self.linked = False
+        self.happened(LinkDown(reason))
+
+    def restore_link(self) -> None:
+        """The link is back."""
+        self.linked = True
+        self.happened(LinkUp())
+
+    def replace_autopilot(self, autopilot: Autopilot) -> None:
+        """The autopilot starts again, as another object; it has forgotten every stream that was asked of it."""
+        self.autopilot = autopilot
+        self._router = Router(autopilot)
+        self._router.join(self.now, _CORE)
 
     def operate(self, message: Any) -> None:
         """The operator's ground station sends a message to the vessel."""
@@ -112,8 +141,13 @@ class DiscreteRun:
         self.operate(mavlink.MAVLink_command_long_message(self.autopilot.system_id, 1, command, 0, *padded))
 
     def _arrive(self, packets: list[tuple[Any, bytes]]) -> None:
-        self._arrived.extend(packet for client, packet in packets if client == _CORE)
+        self._take(packets)
         self._deliver()
+
+    def _take(self, packets: list[tuple[Any, bytes]]) -> None:
+        """What the vessel sends to the core, while the link carries it."""
+        if self.linked:
+            self._arrived.extend(packet for client, packet in packets if client == _CORE)
 
     def _deliver(self) -> None:
         """Bring the core what has arrived, in order; what it is answered meanwhile queues up behind."""
@@ -129,8 +163,8 @@ class DiscreteRun:
         match effect:
             case SendMessage(message):
                 self.sent.append((self.now, message))
-                packets = self._router.receive(self.now, _CORE, self._own.encode(message))
-                self._arrived.extend(packet for client, packet in packets if client == _CORE)
+                if self.linked:
+                    self._take(self._router.receive(self.now, _CORE, self._own.encode(message)))
             case StartJob(job_id, name, request, _):
                 self._pending.append((self.now + self.job_s, self._done(job_id, name, request)))
             case Publish(topic, payload):

@@ -181,7 +181,7 @@ class Authority:
 
     def _explain(self, state: VehicleState, situation: Situation) -> str:
         if situation is Situation.UNSUPPORTED:
-            return _unsupported(state)
+            return unsupported(state)
         if situation is Situation.FAILSAFE:
             return f"a failsafe has the boat (system status {state.system_status})"
         mode = mode_name(state.mode)
@@ -196,7 +196,7 @@ class Authority:
 
 
 def _situation(state: VehicleState) -> Situation:
-    if _unsupported(state):
+    if unsupported(state):
         return Situation.UNSUPPORTED
     if state.system_status >= mavlink.MAV_STATE_CRITICAL:
         return Situation.FAILSAFE
@@ -205,7 +205,7 @@ def _situation(state: VehicleState) -> Situation:
     return Situation.IN_AUTO if state.armed else Situation.DISARMED
 
 
-def _unsupported(state: VehicleState) -> str:
+def unsupported(state: VehicleState) -> str:
     """Why this vehicle's modes can't be understood; empty if they can."""
     if state.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
         name = "PX4" if state.autopilot == mavlink.MAV_AUTOPILOT_PX4 else f"MAV_AUTOPILOT {state.autopilot}"

@@ -4,6 +4,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from statistics import median
 from typing import Any
 
@@ -101,6 +102,7 @@ class Telemetry:
         self._epoch = 0
         self._position_time_s = -math.inf
         self._heartbeats: deque[float] = deque(maxlen=_MISSED_HEARTBEATS + 1)
+        self._heartbeat_s = 1.0
         self._seen: dict[tuple[int, ...], None] = {}
         self._reached: deque[int] = deque(maxlen=_KEPT_EVENTS)
         self._texts: deque[StatusText] = deque(maxlen=_KEPT_EVENTS)
@@ -146,9 +148,7 @@ class Telemetry:
         """
         if not self._heartbeats:
             return False
-        gaps = [b - a for a, b in zip(self._heartbeats, list(self._heartbeats)[1:], strict=False)]
-        interval_s = min(1.0, max(_FASTEST_HEARTBEAT_S, median(gaps))) if gaps else 1.0
-        return now - self._heartbeats[-1] > interval_s * self._link_timeout_s
+        return now - self._heartbeats[-1] > self._heartbeat_s * self._link_timeout_s
 
     def take_reached(self) -> list[int]:
         """Numbers of the mission items reached since the last call, as the vehicle counts them."""
@@ -213,6 +213,8 @@ class Telemetry:
         elif not self._is_from_autopilot(message):
             return
         self._heartbeats.append(now)
+        gaps = [after - before for before, after in pairwise(self._heartbeats)]
+        self._heartbeat_s = min(1.0, max(_FASTEST_HEARTBEAT_S, median(gaps))) if gaps else 1.0
         self._update(mode=message.custom_mode, armed=_is_armed(message), system_status=message.system_status)
 
     def _is_our_vehicle(self, message: Any) -> bool:
