@@ -100,6 +100,9 @@ class Authority:
 
     [a] Or if `adopt`, which takes a mission we don't know as permission to replace it.
 
+    A reboot of the vehicle leads back to BEFORE_START: it comes up disarmed, in a mode nobody has chosen, perhaps
+    without its mission, and then no operator could select AUTO.
+
     An upload is allowed
       BEFORE_START, not in AUTO: once, if the mission on board is empty or ours (or `adopt`); again only if an
                                  upload failed, since that leaves a damaged mission;
@@ -111,13 +114,14 @@ class Authority:
     def __init__(self, adopt: bool) -> None:
         self._adopt = adopt
         self._waiting_on_board = False
+        self._reboots = 0
         self.command = Command.BEFORE_START
         self.on_board = OnBoard.UNREAD
         self.reason = "waiting for the vehicle"
 
     @property
     def survey_started(self) -> bool:
-        """Whether the vehicle has been in AUTO, armed, under our mission."""
+        """Whether the vehicle has been in AUTO, armed, under our mission (since its last reboot)."""
         return self.command is not Command.BEFORE_START
 
     @property
@@ -140,7 +144,11 @@ class Authority:
             self.on_board = OnBoard.DAMAGED
 
     def observe(self, state: VehicleState) -> None:
-        """Follow the vehicle's mode, arming and status."""
+        """Follow the vehicle's mode, arming, status and reboots."""
+        if state.reboots != self._reboots:
+            self._reboots = state.reboots
+            self._waiting_on_board = False
+            self.command = Command.BEFORE_START
         situation = _situation(state)
         after = _NEXT[self.command, situation]
         if self.command is Command.BEFORE_START and after is Command.OURS and not self._may_take_over():

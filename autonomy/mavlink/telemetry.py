@@ -64,6 +64,8 @@ class VehicleState:
     battery_voltage_v: float | None = None
     battery_remaining: float | None = None
     """Share of the charge that is left, 0 to 1."""
+    reboots: int = 0
+    """How often the vehicle's clock started again."""
 
     @property
     def position_ok(self) -> bool:
@@ -184,7 +186,9 @@ class Telemetry:
 
     def _update(self, **changes: Any) -> None:
         assert self.state is not None
-        self.state = replace(self.state, model_time_s=self._clock.model_time_s, **changes)
+        self.state = replace(
+            self.state, model_time_s=self._clock.model_time_s, reboots=self._clock.reboots, **changes
+        )
 
     def _model_time(self, now: float, time_boot_ms: int) -> float | None:
         model_time_s = self._clock.observe(now, time_boot_ms)

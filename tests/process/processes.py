@@ -39,6 +39,7 @@ class Running:
     """One process, leader of a session of its own, with everything it prints in a file."""
 
     def __init__(self, words: tuple[str, ...], log: Path, environment: Mapping[str, str]) -> None:
+        self.words = words
         self._log = log
         self._last_words: str | None = None
         with log.open("wb") as file:
@@ -119,6 +120,8 @@ class Processes:
     ) -> None:
         for running in reversed(self._all):
             running.kill()
+            if error is not None:
+                print(f"{' '.join(running.words)} said:\n{running.said}")
         self._folder.cleanup()
 
     def start(self, *words: str, environment: Mapping[str, str] | None = None) -> Running:

@@ -94,6 +94,30 @@ def test_an_upload_of_ours_that_died_may_be_mended() -> None:
     assert waiting.decide(HOLD).allowed
 
 
+def test_after_a_reboot_the_boat_waits_for_its_operator_anew() -> None:
+    authority = started()
+    rebooted = replace(MANUAL, armed=False, reboots=1)
+    authority.mission_read(OnBoard.UNREAD)
+    assert not authority.decide(rebooted).allowed
+    authority.mission_read(OnBoard.EMPTY)
+    assert authority.decide(rebooted).allowed, "without a mission no operator could select AUTO"
+    assert not authority.survey_started, "readings on deck teach nothing"
+    authority.upload_verified()
+    assert not authority.decide(rebooted).allowed
+    assert authority.decide(replace(rebooted, mode=10, armed=True)).allowed
+    assert authority.in_command
+
+
+def test_a_reboot_under_way_with_our_mission_on_board_changes_nothing_for_long() -> None:
+    authority = started()
+    authority.mission_read(OnBoard.UNREAD)
+    under_way = replace(AUTO, reboots=1)
+    assert not authority.decide(under_way).allowed
+    authority.mission_read(OnBoard.OURS)
+    assert authority.decide(under_way).allowed
+    assert authority.in_command
+
+
 def test_other_autopilots_are_named_and_left_alone() -> None:
     authority = Authority(adopt=True)
     authority.mission_read(OnBoard.EMPTY)
