@@ -1,5 +1,6 @@
-"""Speed of the learner as ratios against BLAS on the same machine in the same minute."""
+"""Speed of the learner: ratios against linear algebra or a simpler way, in the same run."""
 
+import pickle
 import timeit
 
 import numpy as np
@@ -7,30 +8,20 @@ import pytest
 from scipy.linalg.blas import dgemm, dgemv, dger
 from scipy.linalg.lapack import dpotrf
 
-from autonomy.learning.hyperparameters import loo_log_likelihood
+from autonomy.config import EstimationSection
+from autonomy.learning.hyperparameters import fit, loo_log_likelihood
 from autonomy.learning.kernel import Hyperparameters, covariance
+from autonomy.learning.learner import Learner, reestimate
+from autonomy.learning.likelihood import log_marginal_likelihood
+from autonomy.learning.snapshot import decode, encode
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 
 M = 100
+SPAN_M = 391.0
 H = Hyperparameters(1.0, 0.01, (40.0, 40.0))
 
 
-def seconds(function, number, repeat=7):
-    """The best of several runs: what the work takes when nobody else wants the core."""
-    return min(timeit.repeat(function, number=number, repeat=repeat)) / number
-
-
-@pytest.fixture
-def report(capsys):
-    def say(what, spent, reference, name):
-        with capsys.disabled():
-            ratio = spent / reference
-            print(f"\n{what}: {spent * 1e6:.0f} µs = {ratio:.2f} × {name} ({reference * 1e6:.0f} µs)")
-
-    return say
-
-
-def full_model(extent=391.0):
+def full_model(extent=SPAN_M):
     rng = np.random.default_rng(0)
     gp = SparseOnlineGP(H, M)
     while len(gp) < M:
@@ -38,27 +29,28 @@ def full_model(extent=391.0):
     return gp
 
 
-def rank_one():
-    """The two passes over the state that no update can do without."""
+def readings(n, noise=0.1):
+    """A draw from the prior with noise."""
+    rng = np.random.default_rng(3)
+    x = rng.uniform(0, SPAN_M, (n, 2))
+    root = np.linalg.cholesky(covariance(x, x, H) + 1e-8 * np.eye(n))
+    return x, root @ rng.normal(size=n) + noise * rng.normal(size=n)
+
+
+@pytest.fixture
+def rank_one(seconds):
+    """The two passes over an m × m state that no update can do without."""
     S, a = np.asfortranarray(np.eye(M)), np.full(M, 1e-6)
-
-    def passes():
-        dger(-1.0, a, dgemv(1.0, S, a), a=S, overwrite_a=1)
-
-    return passes
+    return seconds(lambda: dger(-1.0, a, dgemv(1.0, S, a), a=S, overwrite_a=1), 7, 2000)
 
 
-def test_a_reduced_update(report):
+def test_a_reading_that_is_projected(report, seconds, rank_one):
     gp = full_model()
-    report(
-        "reduced update",
-        seconds(lambda: gp.project((50.0, 60.0), 0.1), 500),
-        seconds(rank_one(), 2000),
-        "dgemv + dger",
-    )
+    spent = seconds(lambda: gp.project((50.0, 60.0), 0.1), 7, 500)
+    report("learn a reading, projected, m = 100", spent, "dgemv + dger", rank_one)
 
 
-def test_an_update_that_replaces(report):
+def test_a_reading_that_replaces(report, rank_one):
     gp, rng = full_model(2000.0), np.random.default_rng(1)
     spent = []
     for point in rng.uniform(0, 2000.0, (3000, 2)):
@@ -68,27 +60,79 @@ def test_an_update_that_replaces(report):
         took = timeit.default_timer() - began
         if outcome is Update.REPLACED:
             spent.append(took)
-    report("replacing update", float(np.median(spent)), seconds(rank_one(), 2000), "dgemv + dger")
+    report("learn a reading, replacing, m = 100", float(np.median(spent)), "dgemv + dger", rank_one)
 
 
-def test_a_map_of_351_by_391(report):
+def test_a_map_of_351_by_391(report, seconds):
     gp = full_model()
     x, y = np.arange(351.0), np.arange(391.0)
     rng = np.random.default_rng(2)
     A, B = rng.normal(size=(M, M)), np.asfortranarray(rng.normal(size=(M, len(x) * len(y))))
     C = np.zeros_like(B, order="F")
-    gemm = seconds(lambda: dgemm(1.0, A, B, beta=0.0, c=C, overwrite_c=1), 1, 5)
+    product = seconds(lambda: dgemm(1.0, A, B, beta=0.0, c=C, overwrite_c=1))
+    spent = seconds(lambda: gp.predict_grid(x, y))
+    report("map of 351 × 391, mean and variance", spent, "a matrix product of its size", product)
+
+
+@pytest.mark.parametrize("likelihood", [loo_log_likelihood, log_marginal_likelihood])
+@pytest.mark.parametrize("n", [100, 300])
+def test_a_likelihood_with_its_gradient(report, seconds, likelihood, n):
+    x, y = readings(n)
+    K = np.asfortranarray(covariance(x, x, H) + 0.01 * np.eye(n))
+    factorised = seconds(lambda: dpotrf(K, lower=1), 7, 20)
+    name = (
+        likelihood.__name__.removesuffix("_log_likelihood").removesuffix("_likelihood").removeprefix("log_")
+    )
     report(
-        "map, mean and variance", seconds(lambda: gp.predict_grid(x, y), 1, 5), gemm, "GEMM of the same flops"
+        f"{name} likelihood and gradient, n = {n}",
+        seconds(lambda: likelihood(x, y, H), 7, 5),
+        "Cholesky",
+        factorised,
     )
 
 
-@pytest.mark.parametrize("n", [100, 300])
-def test_leave_one_out_with_gradient(report, n):
-    rng = np.random.default_rng(3)
-    x, y = rng.uniform(0, 391, (n, 2)), rng.normal(size=n)
-    K = np.asfortranarray(covariance(x, x, H) + 0.01 * np.eye(n))
-    spent = seconds(lambda: loo_log_likelihood(x, y, H), 5)
+def test_fits(report, seconds):
+    start = Hyperparameters(0.5, 0.05, (15.0, 15.0))
+    for what, n, options in (
+        ("fit, L-BFGS, marginal, n = 300", 300, {"objective": "marginal", "isotropic": True}),
+        ("fit, gradient ascent, LOO, n = 100", 100, {"optimiser": "gradient_ascent", "iterations": 300}),
+    ):
+        x, y = readings(n)
+        found = fit(x, y, start, **options)
+        spent = seconds(lambda: fit(x, y, start, **options), 3)  # noqa: B023
+        once = seconds(lambda: loo_log_likelihood(x, y, start), 5, 5)  # noqa: B023
+        report(what, spent, "LOO with gradient", once, f"{found.iterations} iterations")
+
+
+def test_a_whole_reestimate(report, seconds):
+    rng = np.random.default_rng(4)
+    learner, at = Learner(SPAN_M, M), np.array([200.0, 200.0])
+    for k in range(3000):
+        at = np.clip(at + rng.normal(0.0, 4.0, 2), 0.0, SPAN_M)
+        learner.add(at, float(np.sin(at[0] / 40.0) * np.cos(at[1] / 50.0) + 0.05 * rng.normal()), 10.0 * k)
+    request = learner.reestimate_request(0, EstimationSection())
+    cells = request.cells
+    dense = covariance(cells.points, cells.points, H) + 0.01 * np.eye(len(cells))
+    factorised = seconds(lambda: np.linalg.cholesky(dense), 3)
+    spent = seconds(lambda: reestimate(request), 3)
+    note = f"fit, new basis, {len(cells)} cells absorbed"
+    report("re-estimate", spent, "Cholesky of all cells, densely", factorised, note)
+
+
+def test_snapshots(report, seconds):
+    model = full_model().model()
+    data, pickled = encode(model), pickle.dumps(model)
+    note = f"{len(data)} bytes; pickle {len(pickled)}"
     report(
-        f"leave-one-out with gradient, n = {n}", spent, seconds(lambda: dpotrf(K, lower=1), 20), "Cholesky"
+        "encode a snapshot, m = 100",
+        seconds(lambda: encode(model), 7, 20),
+        "pickle",
+        seconds(lambda: pickle.dumps(model), 7, 20),
+        note,
+    )
+    report(
+        "decode a snapshot, m = 100",
+        seconds(lambda: decode(data), 7, 20),
+        "unpickle",
+        seconds(lambda: pickle.loads(pickled), 7, 20),
     )

@@ -1,6 +1,6 @@
-"""Speed of the planner's parts as ratios against references measured in the same run."""
+"""Speed of the planner's parts: ratios against a literal or plainer way, in the same run."""
 
-import timeit
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,24 +9,15 @@ from scipy.sparse.csgraph import dijkstra
 from shapely.geometry import box
 
 from autonomy.geometry import LocalFrame
+from autonomy.learning.field_model import FieldModel
+from autonomy.learning.kernel import Hyperparameters
+from autonomy.planning.information import measurement_covariance, mutual_information
 from autonomy.planning.passage import Passage
+from autonomy.planning.planners.paper import plan
+from autonomy.planning.request import PlanRequest
 from autonomy.planning.selection import select_by_dynamic_programming
 from autonomy.planning.survey import SurveyArea
 from autonomy.planning.tour import open_tour
-
-
-def seconds(function, repeat=5):
-    """The best of several runs: what the work takes when nobody else wants the core."""
-    return min(timeit.repeat(function, number=1, repeat=repeat))
-
-
-@pytest.fixture
-def report(capsys):
-    def say(text):
-        with capsys.disabled():
-            print(f"\n{text}")
-
-    return say
 
 
 def lattice(side, lengthscale=1.5, noise=0.05):
@@ -71,72 +62,114 @@ def literal_programme(S, n, increment):
     return max(value for _, value in paths.values())
 
 
-def extrapolated(S, n, increment, rng, sample=20):
+def extrapolated(seconds, S, n, increment, rng, sample=20):
     """Seconds of the whole literal programme: its number of increments times their cost, stage by stage."""
     N, total = len(S), 0.0
     for i in range(n):
         paths = [rng.choice(N, i + 1, replace=False) for _ in range(sample)]
-        spent = seconds(lambda: [increment(S, int(p[0]), p[1:]) for p in paths], repeat=2) / sample  # noqa: B023
+        spent = seconds(lambda: [increment(S, int(p[0]), p[1:]) for p in paths], 2) / sample  # noqa: B023
         # Stage 1 has N increments; a later one N (N − i): every last site, every predecessor not on its path.
         total += spent * (N if i == 0 else N * (N - i))
     return total
 
 
-def test_the_dynamic_programme_against_the_literal_one_in_full_on_a_small_lattice(report):
+def test_the_dynamic_programme_against_the_literal_one_in_full_on_a_small_lattice(report, seconds):
     S, n = lattice(5), 6
-    literal = seconds(lambda: literal_programme(S, n, literal_increment), repeat=1)
+    literal = seconds(lambda: literal_programme(S, n, literal_increment), 1)
     ours = seconds(lambda: select_by_dynamic_programming(S, n))
-    guess = extrapolated(S, n, literal_increment, np.random.default_rng(0))
+    guess = extrapolated(seconds, S, n, literal_increment, np.random.default_rng(0))
     gap = abs(select_by_dynamic_programming(S, n).objective - literal_programme(S, n, literal_increment))
-    report(
-        f"5 × 5, n = 6: {ours * 1e3:.2f} ms, literal {literal:.2f} s (extrapolation says {guess:.2f} s) = "
-        f"1/{literal / ours:.0f}; values differ by {gap:.1e}"
-    )
+    note = f"extrapolation would say {guess:.2g} s; values differ by {gap:.0e}"
+    report("dynamic programme, 5 × 5, n = 6", ours, "the literal one in full", literal, note)
 
 
-def test_the_dynamic_programme_against_the_literal_one_at_the_papers_size(report):
+def test_the_dynamic_programme_against_the_literal_one_at_the_papers_size(report, seconds):
     S, n = lattice(12), 20
     ours = seconds(lambda: select_by_dynamic_programming(S, n))
     rng = np.random.default_rng(0)
-    literal = extrapolated(S, n, literal_increment, rng)
-    table = -np.log(np.diag(np.linalg.inv(S)))
-    frugal = extrapolated(S, n, lambda S, x, path: frugal_increment(S, x, path, table), rng)
     report(
-        f"12 × 12, n = 20: {ours * 1e3:.0f} ms; literal, extrapolated: {literal:.0f} s "
-        f"= 1/{literal / ours:.0f}; with two small determinants each {frugal:.1f} s = 1/{frugal / ours:.0f}"
+        "dynamic programme, 12 × 12, n = 20",
+        ours,
+        "the literal one, extrapolated",
+        extrapolated(seconds, S, n, literal_increment, rng),
+    )
+    table = -np.log(np.diag(np.linalg.inv(S)))
+    frugal = extrapolated(seconds, S, n, lambda S, x, path: frugal_increment(S, x, path, table), rng)
+    report("", ours, "the literal one with two small determinants each", frugal)
+
+
+def test_the_mutual_information_of_a_plan(report, seconds):
+    S, sites = lattice(12), list(range(0, 140, 7))
+    report(
+        "mutual information of 20 of 144 sites",
+        seconds(lambda: mutual_information(S, sites), 7, 5),
+        "inverting S",
+        seconds(lambda: np.linalg.inv(S), 7, 5),
     )
 
 
 @pytest.mark.parametrize("n", [13, 21, 41])
-def test_a_tour_against_its_distance_matrix(n, report):
+def test_a_tour(n, report, seconds):
     points = np.random.default_rng(n).random((n, 2))
     D = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
-    spent = seconds(lambda: open_tour(D, 0), repeat=3)
-    reference = seconds(lambda: D @ D @ D, repeat=20)
+    ours, plain = open_tour(D, 0), nearest_neighbour(D)
+    shorter = 1.0 - length(D, ours) / length(D, plain)
     report(
-        f"open tour through {n} nodes: {spent * 1e3:.0f} ms = {spent / reference:.0f} × two matrix products"
+        f"open tour through {n} nodes",
+        seconds(lambda: open_tour(D, 0), 3),
+        "nearest neighbour",
+        seconds(lambda: nearest_neighbour(D), 5, 20),
+        f"{shorter:.0%} shorter",
     )
 
 
-def test_ways_between_the_spots_of_a_plan_against_dijkstra_alone(report):
+def nearest_neighbour(D):
+    order, left = [0], set(range(1, len(D)))
+    while left:
+        order.append(min(left, key=lambda node: D[order[-1], node]))
+        left.remove(order[-1])
+    return order
+
+
+def length(D, order):
+    return float(sum(D[a, b] for a, b in pairwise(order)))
+
+
+@pytest.fixture(scope="module")
+def archipelago():
     rng = np.random.default_rng(1)
     islands = [
         shapely.Point(*rng.uniform(1000, 14_000, 2)).buffer(rng.uniform(100, 1500), 64) for _ in range(25)
     ]
     land = shapely.union_all(islands)
-    survey = SurveyArea.from_geometry(
+    return SurveyArea.from_geometry(
         LocalFrame(33, -119), box(0, 0, 15_000, 15_000), land=land, standoff_m=60.0
     )
-    built = seconds(lambda: Passage(survey), repeat=3)
-    passage = Passage(survey)
-    points = rng.uniform(0, 15_000, (60, 2))
-    points = points[survey.is_navigable(points)]
+
+
+def test_ways_between_the_spots_of_a_plan(report, seconds, archipelago):
+    passage = Passage(archipelago)
+    points = np.random.default_rng(1).uniform(0, 15_000, (60, 2))
+    points = points[archipelago.is_navigable(points)]
     points = points[passage.reachable(points[0], points)][:21]
-    assert len(points) == 21
-    spent = seconds(lambda: passage.ways(points), repeat=3)
     graph, cells = passage.raster.graph(), passage.raster.numbers_at(points)
-    reference = seconds(lambda: dijkstra(graph, indices=cells[cells >= 0]), repeat=3)
+    alone = seconds(lambda: dijkstra(graph, indices=cells[cells >= 0]), 3)
+    built = seconds(lambda: Passage(archipelago), 3)
+    report("raster of 200 × 200 and its graph", built, "Dijkstra from 21 points", alone)
+    spent = seconds(lambda: passage.ways(points), 3)
+    report(f"all ways over water between {len(points)} points", spent, "Dijkstra from 21 points", alone)
+
+
+def test_a_whole_plan(report, seconds, archipelago):
+    model = FieldModel.prior(Hyperparameters(1.0, 0.01, (1500.0, 1500.0)))
+    start = archipelago.candidate_sites(12, 12)[0]
+    request = PlanRequest(model, start, 20, (12, 12), "benchmark", 0)
+    made = plan(request, archipelago)
+    S = measurement_covariance(model, archipelago.candidate_sites(12, 12))
     report(
-        f"raster of 200 × 200 and its graph: {built * 1e3:.0f} ms; all ways between 21 points: "
-        f"{spent * 1e3:.0f} ms = {spent / reference:.1f} × Dijkstra from all ({reference * 1e3:.0f} ms)"
+        "a whole plan among 25 islands, n = 20",
+        seconds(lambda: plan(request, archipelago), 3),
+        "its dynamic programme",
+        seconds(lambda: select_by_dynamic_programming(S, 20)),
+        f"{len(made.route_m)} corners",
     )
