@@ -168,5 +168,25 @@ def test_every_field_on_the_wire_is_explained(value: type) -> None:
     assert [field.name for field in dataclasses.fields(value) if f"`{field.name}`" not in text] == []
 
 
+def strings_of(package: str) -> str:
+    """Every piece of text in the sources, one a line."""
+    trees = [ast.parse(file.read_text()) for file in (REPOSITORY / package).rglob("*.py")]
+    nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant)]
+    return "\n".join(node.value for node in nodes if isinstance(node.value, str))
+
+
+def test_lines_of_the_log_are_quoted_as_they_are() -> None:
+    """What is fixed in a quoted line, two words or more in a row, is found in the code."""
+    text = (REPOSITORY / "docs" / "operating.md").read_text()
+    table = text.partition("## 7. What the log says")[2].partition("\n## ")[0]
+    rows = [line.split(" | ")[0] for line in table.splitlines() if line.startswith("| `")]
+    quoted = [line for row in rows for line in re.findall(r"`([^`]+)`", row)]
+    pieces = [piece.strip(" .,>") for line in quoted for piece in re.split(r"…|[:;()/]|\b[\d.]+\b", line)]
+    fixed = [piece for piece in pieces if " " in piece]
+    written = strings_of("autonomy")
+    assert len(fixed) > 20
+    assert [piece for piece in fixed if piece not in written] == []
+
+
 def test_the_picture_is_small_enough_for_a_readme() -> None:
     assert (REPOSITORY / "docs" / "images" / "demo.png").stat().st_size < 400_000
