@@ -39,14 +39,22 @@ _PROVISIONAL_SYSTEM_ID = 1
 
 
 class Daemon:
-    """The shell around one core, for one run of the service."""
+    """The shell around one core, for one run of the service.
 
-    def __init__(self, configuration: Configuration, survey: SurveyArea) -> None:
+    Args:
+        configuration: all of it.
+        survey: what `survey` in the configuration describes.
+        job_runner: `package.module:function` that the worker process runs jobs with.
+    """
+
+    def __init__(
+        self, configuration: Configuration, survey: SurveyArea, job_runner: str = "autonomy.jobs:run"
+    ) -> None:
         self._configuration = configuration
         self._core = Core(configuration, survey)
         self._codec = Codec(_PROVISIONAL_SYSTEM_ID, configuration.mavlink.component_id)
         self._publisher = Publisher(configuration.vehicle.name, configuration.shore.connect)
-        self._worker = Worker(survey, on_finished=self._job_finished, on_failed=self._job_failed)
+        self._worker = Worker(survey, self._job_finished, self._job_failed, run=job_runner)
         self._notifier = Notifier(os.environ)
         self._transport: Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
