@@ -34,7 +34,7 @@ def configure(folder: Path, endpoint: str, connect: Sequence[str] = (), **sectio
         "mavlink": {"endpoint": endpoint, "acceptance_radius_m": 20.0},
         "survey": {"area": [[SOUTH, WEST], [SOUTH, EAST], [NORTH, EAST], [NORTH, WEST]], "standoff_m": 0.0},
         "sampling": {"spacing_m": _SPACING_M},
-        "exploration": {"maximum_interval_s": 5000.0},
+        "exploration": {"minimum_basis": 12},
         "shore": {"connect": list(connect), "model_period_s": 0.5},
     }
     for name, values in sections.items():

@@ -3,8 +3,8 @@
 HALOCLINE_BURN_S sets for how long the job burns (3 s, unless set).
 """
 
-import json
 import os
+import pickle
 import select
 import socket
 import struct
@@ -117,8 +117,8 @@ def test_a_planning_job_delays_neither_heartbeats_nor_messages(tmp_path: Path) -
         sampling={"spacing_m": 2.0},
         exploration={"minimum_basis": 2},
     )
-    notes = tmp_path / "notes.json"
-    program = str(Path(__file__).with_name("burning.py"))
+    notes = tmp_path / "notes"
+    program = str(Path(__file__).with_name("witness.py"))
     with Processes() as processes:
         service = processes.start(program, str(config), repr(vehicle.epoch_s), str(BURN_S), str(notes))
         sail_until(vehicle, service, "plan 2", 1, 60.0 + BURN_S)
@@ -126,7 +126,7 @@ def test_a_planning_job_delays_neither_heartbeats_nor_messages(tmp_path: Path) -
         vehicle.sail(2.0)
         assert service.stop() == 0
     vehicle.close()
-    seen = json.loads(notes.read_text())
+    seen = pickle.loads(notes.read_bytes())
     (_, began), (_, ended) = [job for job in seen["jobs"] if job[0] == "started"][1], seen["jobs"][3]
     late_s = np.diff(vehicle.heartbeats_s) - HEARTBEAT_S
     print(

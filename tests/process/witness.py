@@ -1,14 +1,16 @@
-"""A service whose re-estimates burn a core, and which notes how long every message of the vehicle has waited.
+"""A service that takes notes: how long the vehicle's messages have waited, when jobs ran, what it believed.
 
-python burning.py CONFIG EPOCH_S SECONDS NOTES.json; EPOCH_S is the monotonic clock at the vehicle's time zero.
+python witness.py CONFIG EPOCH_S BURN_S NOTES: EPOCH_S is the monotonic clock at the vehicle's time zero, BURN_S how
+long every re-estimate burns a core beforehand. NOTES, a pickle, is written when the service has stopped.
 """
 
 import asyncio
-import json
 import logging
 import os
+import pickle
 import sys
 import time
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,9 @@ import numpy as np
 
 from autonomy import jobs
 from autonomy.commands.configuration import load_with_survey
-from autonomy.effects import Effect, StartJob
+from autonomy.effects import Effect, Publish, StartJob, Topic
 from autonomy.events import Event, JobFinished, MessageReceived
+from autonomy.learning.field_model import FieldModel
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell.daemon import Daemon
 
@@ -34,33 +37,45 @@ def run(name: str, request: jobs.ExploreRequest, survey: SurveyArea) -> Any:
     return jobs.run(name, request, survey)
 
 
+@dataclass
+class Notes:
+    """Of every stamped message its age once it had been handled; jobs' beginnings and ends; models published."""
+
+    waits_s: list[float] = field(default_factory=list)
+    jobs: list[tuple[str, float]] = field(default_factory=list)
+    models: dict[int, FieldModel] = field(default_factory=dict)
+
+
 class NotingDaemon(Daemon):
-    """Notes when jobs began and ended, and of every stamped message how old it was once it had been handled."""
+    """Notes what goes in and out of its core."""
 
     def __init__(self, *arguments: Any, epoch_s: float) -> None:
-        super().__init__(*arguments, job_runner="burning:run")
-        self.waits_s: list[float] = []
-        self.jobs: list[tuple[str, float]] = []
+        super().__init__(*arguments, job_runner="witness:run")
+        self.notes = notes = Notes()
         handle = self._core.handle
 
         def noting(now: float, event: Event) -> list[Effect]:
             effects = handle(now, event)
             after = time.monotonic() - epoch_s
             if isinstance(event, MessageReceived) and hasattr(event.message, "time_boot_ms"):
-                self.waits_s.append(after - event.message.time_boot_ms / 1000)
+                notes.waits_s.append(after - event.message.time_boot_ms / 1000)
             if isinstance(event, JobFinished):
-                self.jobs.append(("finished", after))
-            self.jobs += [("started", after) for effect in effects if isinstance(effect, StartJob)]
+                notes.jobs.append(("finished", after))
+            for effect in effects:
+                if isinstance(effect, StartJob):
+                    notes.jobs.append(("started", after))
+                elif isinstance(effect, Publish) and effect.topic is Topic.MODEL:
+                    notes.models[effect.payload.sequence] = effect.payload.model
             return effects
 
         self._core.handle = noting
 
 
 if __name__ == "__main__":
-    config, epoch_s, seconds, notes = sys.argv[1:]
+    config, epoch_s, seconds, file = sys.argv[1:]
     os.environ[BURN_S] = seconds
     logging.basicConfig(level="INFO", format="%(message)s")
     loaded, survey = load_with_survey(config, [])
     daemon = NotingDaemon(loaded.configuration, survey, epoch_s=float(epoch_s))
     asyncio.run(daemon.run())
-    Path(notes).write_text(json.dumps({"waits_s": daemon.waits_s, "jobs": daemon.jobs}))
+    Path(file).write_bytes(pickle.dumps(vars(daemon.notes)))
