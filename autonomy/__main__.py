@@ -1,7 +1,5 @@
 """`python -m autonomy`."""
 
-import sys
+from autonomy.cli import entry
 
-from autonomy.cli import main
-
-sys.exit(main())
+entry()

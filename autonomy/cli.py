@@ -1,8 +1,9 @@
 """The verbs of `autonomy`."""
 
 from collections.abc import Sequence
+from typing import NoReturn
 
-from autonomy.verbs import Verb, run_verb
+from autonomy.verbs import Verb, leave, run_verb
 
 _VERBS = {
     "run": Verb("autonomy.commands.run", "run the service on board"),
@@ -17,3 +18,8 @@ _VERBS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; exit codes: 2 usage, 78 configuration."""
     return run_verb("autonomy", "Onboard autonomy for survey vessels.", _VERBS, arguments)
+
+
+def entry() -> NoReturn:
+    """What the command `autonomy` runs."""
+    leave(main())

@@ -1,8 +1,9 @@
 """The verbs of `sim`."""
 
 from collections.abc import Sequence
+from typing import NoReturn
 
-from autonomy.verbs import Verb, run_verb
+from autonomy.verbs import Verb, leave, run_verb
 
 _VERBS = {
     "vessel": Verb("sim.vessel_cli", "a simulated survey vessel that speaks MAVLink as ArduPilot Rover does"),
@@ -16,3 +17,8 @@ _VERBS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; exit codes: 2 usage."""
     return run_verb("sim", "A simulated ocean and vessel for halocline.", _VERBS, arguments)
+
+
+def entry() -> NoReturn:
+    """What the command `sim` runs."""
+    leave(main())
