@@ -43,8 +43,8 @@ def run_verb(program: str, about: str, verbs: Mapping[str, Verb], arguments: Seq
 def leave(code: int) -> NoReturn:
     """End the process with `code` at once, its output written, without taking the interpreter down first.
 
-    zenoh's threads outlive their session. One that lets go of a Python object while the interpreter goes down aborts the
-    process ("FATAL: exception not rethrown"): a clean stop would now and then look like a crash to the service manager.
+    zenoh's threads outlive their session. One that lets go of a Python object while the interpreter goes down aborts
+    the process ("FATAL: exception not rethrown"): a clean stop would now and then look like a crash.
     """
     logging.shutdown()
     sys.stdout.flush()
