@@ -236,8 +236,8 @@ class MissionDispatch:
         self._on_board, self._looked = items, True
         on_board = self._judge(items)
         self._authority.mission_read(on_board)
-        if on_board is OnBoard.FOREIGN:
-            self._waiting = None  # it was made for a boat that was ours to send
+        if on_board is OnBoard.FOREIGN and changed:
+            self._waiting = None  # it was not made to replace this one
         if changed:
             self._notes.append(f"{len(items)} waypoints on board: {on_board.value}")
 

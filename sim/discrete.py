@@ -42,6 +42,7 @@ class DiscreteRun:
         speedup: seconds of the vessel's time in one of protocol time. What is said once a second costs most of
             a run, so at 20 it is over much sooner, at the price of decisions that are twenty times as rare.
         linked: whether the link between the two carries anything; see `cut_link`.
+        passes: which messages of the core the link carries.
         log: lines of the core's log, with their time.
         published: what went ashore, by topic, in order.
         sent: what the core sent to the vehicle, with its time.
@@ -55,6 +56,7 @@ class DiscreteRun:
     now: float = _START_S
     speedup: float = 1.0
     linked: bool = True
+    passes: Callable[[Any], bool] = lambda message: True
     log: list[tuple[float, str]] = field(default_factory=list)
     published: dict[Topic, list[Any]] = field(default_factory=lambda: {topic: [] for topic in Topic})
     sent: list[tuple[float, Any]] = field(default_factory=list)
@@ -63,9 +65,10 @@ class DiscreteRun:
         self._router = Router(self.autopilot)
         self._own = Codec(self.autopilot.system_id, 191)
         self._operator = Codec(255, mavlink.MAV_COMP_ID_MISSIONPLANNER)
-        self._pending: list[tuple[float, Event]] = [(self.now, LinkUp())]
+        self._pending: list[tuple[float, Event]] = []
         self._arrived: deque[bytes] = deque()
         self._delivering = False
+        self.happened(LinkUp())
         self._router.join(self.now, _CORE)
 
     def advance(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
@@ -163,7 +166,7 @@ class DiscreteRun:
         match effect:
             case SendMessage(message):
                 self.sent.append((self.now, message))
-                if self.linked:
+                if self.linked and self.passes(message):
                     self._take(self._router.receive(self.now, _CORE, self._own.encode(message)))
             case StartJob(job_id, name, request, _):
                 self._pending.append((self.now + self.job_s, self._done(job_id, name, request)))
