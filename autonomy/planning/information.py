@@ -1,6 +1,6 @@
 """Mutual information of a set of sites with the rest of the sea."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,7 +31,7 @@ def measurement_covariance(model: "FieldModel", sites_m: ArrayLike) -> FloatArra
     return np.asarray(S)
 
 
-def mutual_information(S: ArrayLike, sites: Sequence[int]) -> float:
+def mutual_information(S: ArrayLike, sites: Iterable[int]) -> float:
     """True mutual information I(P) of the measurements at P with those everywhere else, in nats.
 
     I(Z_P; Z_{X∖P}) = ½(log|S_PP| + log|Λ_PP|) with Λ = S⁻¹, which is the paper's H(Z_P) − H(Z_P | Z_{X∖P}),
@@ -45,11 +45,11 @@ def mutual_information(S: ArrayLike, sites: Sequence[int]) -> float:
         ValueError: S is no covariance matrix, or the sites are not distinct indices into it.
     """
     covariance, factor = factorise(S)
-    chosen = np.asarray(sites, dtype=int)
+    chosen = np.array(list(sites), dtype=int)
     if chosen.ndim != 1 or len(np.unique(chosen)) != len(chosen):
-        raise ValueError(f"sites must be distinct indices, not {list(sites)}")
+        raise ValueError(f"sites must be distinct indices, not {chosen.tolist()}")
     if len(chosen) and not (chosen.min() >= 0 and chosen.max() < len(covariance)):
-        raise ValueError(f"sites must lie in 0 … {len(covariance) - 1}, not {list(sites)}")
+        raise ValueError(f"sites must lie in 0 … {len(covariance) - 1}, not {chosen.tolist()}")
     if len(chosen) in (0, len(covariance)):
         return 0.0
     # With S = L Lᵀ and W = L⁻¹ E_P, Λ_PP = Wᵀ W.

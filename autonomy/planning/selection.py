@@ -1,5 +1,6 @@
 """Choosing sampling spots: the paper's dynamic programme, and a greedy choice."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import index
 
@@ -15,7 +16,7 @@ _TIE_NATS = 1e-11
 
 @dataclass(frozen=True)
 class Selection:
-    """Chosen sites, in the order in which the method took them.
+    """Chosen sites, in the order in which the method took them; iterating over it gives the sites.
 
     Attributes:
         sites: distinct indices into the candidate sites.
@@ -27,6 +28,12 @@ class Selection:
     sites: tuple[int, ...]
     objective: float
     mutual_information: float
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self.sites)
+
+    def __len__(self) -> int:
+        return len(self.sites)
 
 
 def select_by_dynamic_programming(S: ArrayLike, n: int) -> Selection:

@@ -32,7 +32,7 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     passage = passage_of(survey)
     sites = _reachable_sites(request, start, survey, passage)
     chosen = _select(request, sites)
-    ways = passage.ways(np.concatenate([start[None], sites[list(chosen.sites)]]))
+    ways = passage.ways(np.concatenate([start[None], sites[list(chosen)]]))
     try:
         order = open_tour(ways.distances_m, 0, seed=request.seed)
     except ValueError as error:
