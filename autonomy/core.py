@@ -219,11 +219,11 @@ class Core:
     # What time and state ask for ------------------------------------------------------------------------------
 
     def _step(self, now: float) -> None:
-        self._look(now)
-        self._watch_leg(now)
         self._send(self._helm.step(now))
         for note in self._helm.dispatch.take_notes():
             self._reporter.log(Level.INFO, note)
+        self._look(now)
+        self._watch_leg(now)
         decision = self._decide(now)
         if decision is not None:
             self._start(now, decision)
