@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from autonomy.commands.configuration import EXIT_CONFIGURATION
-from autonomy.shell import run_cli
+from autonomy.commands import run as run_command
 
 UNIT = Path(__file__).parents[2] / "systemd" / "halocline@.service"
 DROP_IN = UNIT.with_name("serial.conf")
@@ -55,7 +55,7 @@ def test_the_command_line_is_one_that_the_service_takes() -> None:
     (command,) = settings(UNIT)["Service.ExecStart"]
     program, verb, *words = shlex.split(command.replace("%i", "boat1"))
     parser = argparse.ArgumentParser()
-    run_cli.add_arguments(parser)
+    run_command.add_arguments(parser)
     assert (Path(program).name, verb) == ("autonomy", "run")
     assert parser.parse_args(words).config == "/etc/halocline/boat1.yaml"
 
