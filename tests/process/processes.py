@@ -64,11 +64,17 @@ class Running:
 
     def wait_for(self, words: str, within_s: float = SOON_S, count: int = 1) -> None:
         """Wait until it has said these words `count` times."""
-        deadline = time.monotonic() + within_s
-        while self.said.count(words) < count:
-            assert self.popen.poll() is None, f"ended with {self.popen.returncode}, saying:\n{self.said}"
-            assert time.monotonic() < deadline, f"no {words!r} within {within_s:g} s in:\n{self.said}"
-            time.sleep(_POLL_S)
+        self.wait_until(lambda: self.said.count(words) >= count, within_s, repr(words))
+
+    def wait_until(self, condition: Callable[[], object], within_s: float = SOON_S, what: str = "it") -> None:
+        """Wait until something has come to pass that needs this process to live."""
+
+        def fulfilled() -> object:
+            done = condition()
+            assert done or self.popen.poll() is None, f"ended with {self.popen.returncode}, before {what}"
+            return done
+
+        wait_until(fulfilled, within_s, what)
 
     def send(self, number: signal.Signals) -> None:
         """Send the process, and only it, a signal."""

@@ -14,7 +14,7 @@ import pytest
 from sim import demo_cli
 
 sys.path.insert(0, str(Path(__file__).parent))
-from processes import Processes, Running, wait_until
+from processes import Processes, Running
 
 pytestmark = pytest.mark.process
 
@@ -128,8 +128,8 @@ def test_a_signal_leaves_nothing_behind(tmp_path: Path) -> None:
     with Processes() as processes:
         running = demo(processes, tmp_path, "--seconds", "60")
         # The demo, shore, vessel, service and its worker.
-        wait_until(lambda: len(running.family()) == 5, 60.0, "the start of five processes")
-        wait_until(lambda: "plan 1" in (tmp_path / "service.log").read_text(), 60.0, "a plan")
+        running.wait_until(lambda: len(running.family()) == 5, 60.0, "the start of five processes")
+        running.wait_until(lambda: "plan 1" in (tmp_path / "service.log").read_text(), 60.0, "a plan")
         assert running.stop(signal.SIGTERM) == 143
         assert running.family() == []
     assert "sim demo: stopped by SIGTERM" in running.said

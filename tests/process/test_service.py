@@ -11,7 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 from at_sea import VEHICLE, VESSEL, configure, operating
-from processes import SOON_S, Processes, free_port, wait_until
+from processes import SOON_S, Processes, Running, free_port, wait_until
 
 from autonomy.shore.subscriber import Subscriber
 
@@ -23,8 +23,8 @@ def samples(shore: Subscriber) -> int:
     return 0 if model is None else model.samples
 
 
-def wait_for_samples(shore: Subscriber, at_least: int, within_s: float = 30.0) -> None:
-    wait_until(lambda: samples(shore) >= at_least, within_s, f"{at_least} samples")
+def wait_for_samples(service: Running, shore: Subscriber, at_least: int) -> None:
+    service.wait_until(lambda: samples(shore) >= at_least, 30.0, f"{at_least} samples")
 
 
 def vessel_at(port: int, operator: int) -> tuple[str, ...]:
@@ -46,13 +46,13 @@ def test_the_vehicle_comes_late_goes_and_comes_again(tmp_path: Path) -> None:
         assert shore.latest(VEHICLE).health.state == "waiting_for_vehicle"
         first = processes.vessel(*vessel_at(port, operator))
         with operating(f"tcp:127.0.0.1:{operator}"):
-            wait_for_samples(shore, 30)
+            wait_for_samples(running, shore, 30)
         first.kill()
         wait_until(lambda: shore.latest(VEHICLE).health.state == "waiting_for_vehicle", what="the loss")
         learnt = samples(shore)
         processes.vessel(*vessel_at(port, operator))
         with operating(f"tcp:127.0.0.1:{operator}") as bridge:
-            wait_for_samples(shore, learnt + 30)
+            wait_for_samples(running, shore, learnt + 30)
             started = time.monotonic()
             assert running.stop() == 0
             print(f"stopped within {time.monotonic() - started:.1f} s")
@@ -79,7 +79,7 @@ def test_routers_come_late_go_and_come_again(tmp_path: Path) -> None:
                     # What was learnt while nobody listened is in it, and it goes on growing.
                     assert samples(shore) >= seen[-1] + 10
                     seen.append(samples(shore) + 10)
-                    wait_for_samples(shore, seen[-1])
+                    wait_for_samples(running, shore, seen[-1])
                 time.sleep(1.5)
         print(f"samples seen: {seen}")
         assert running.stop() == 0
