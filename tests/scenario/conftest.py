@@ -89,7 +89,9 @@ class Voyage(DiscreteRun):
 
     def traffic(self, since: float = 0.0) -> list[str]:
         """Kinds of everything that the core has sent after `since`, manners apart."""
-        return [each.get_type() for time, each in self.sent if time > since and each.get_type() not in MANNERS]
+        return [
+            each.get_type() for time, each in self.sent if time > since and each.get_type() not in MANNERS
+        ]
 
     @property
     def verified(self) -> int:
@@ -144,7 +146,13 @@ class Voyage(DiscreteRun):
         self.announce_as_operator(len(corners))
         for seq, corner in enumerate(corners):
             lat_deg, lon_deg = FRAME.to_geodetic(corner).tolist()
-            target = (self.autopilot.system_id, 1, seq, mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_CMD_NAV_WAYPOINT)
+            target = (
+                self.autopilot.system_id,
+                1,
+                seq,
+                mavlink.MAV_FRAME_GLOBAL,
+                mavlink.MAV_CMD_NAV_WAYPOINT,
+            )
             place = (round(lat_deg * 1e7), round(lon_deg * 1e7), 0.0, 0)
             self.operate(mavlink.MAVLink_mission_item_int_message(*target, 0, 1, 0, 0, 0, 0, *place))
 

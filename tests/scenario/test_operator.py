@@ -62,7 +62,7 @@ def test_taken_in_the_middle_of_an_upload(voyage):
     voyage.select(Mode.AUTO)
     voyage.until("mission on board damaged")
     assert voyage.lines("an upload of ours failed half-way")
-    assert voyage.advance(60.0, until=lambda: (voyage.on_board_m().shape == voyage.plan_m().shape))
+    assert voyage.advance(60.0, until=lambda: voyage.on_board_m().shape == voyage.plan_m().shape)
     assert voyage.autopilot.navigator.current == 1
     assert voyage.health.state == "exploring"
 

@@ -36,7 +36,9 @@ def test_the_vehicle_reboots_in_mid_survey_and_goes_on_when_it_is_started_again(
     assert samples <= voyage.samples <= samples + 2
     assert voyage.health.basis_size >= basis
     assert len(voyage.said("MISSION_COUNT", since=booted)) <= 1
-    position_asked = [m for m in voyage.said("COMMAND_LONG", since=booted) if m.command == 511 and m.param1 == 33]
+    position_asked = [
+        m for m in voyage.said("COMMAND_LONG", since=booted) if m.command == 511 and m.param1 == 33
+    ]
     assert len(position_asked) == 1
     voyage.arm()
     voyage.select(Mode.AUTO)
@@ -67,7 +69,9 @@ def test_a_link_lost_in_the_middle_of_an_upload(voyage):
 def test_a_first_upload_that_was_complete_when_the_link_went_is_not_repeated(make_voyage):
     voyage = make_voyage()
     lists = iter(range(2))  # at first and before the upload, but none after it
-    voyage.passes = lambda message: message.get_type() != "MISSION_REQUEST_LIST" or next(lists, None) is not None
+    voyage.passes = lambda message: (
+        message.get_type() != "MISSION_REQUEST_LIST" or next(lists, None) is not None
+    )
     assert voyage.advance(60.0, until=lambda: bool(len(voyage.on_board_m())))
     assert voyage.verified == 0
     voyage.cut_link()

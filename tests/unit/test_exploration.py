@@ -1,0 +1,102 @@
+"""When to plan anew: rho, the finished path, the longest interval; ours and the paper's."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from autonomy.config import ExplorationSection
+from autonomy.exploration import Exploration, Figures, Trigger
+
+CAPACITY = 100
+PAPER = ExplorationSection(rho0=0.6, minimum_basis=1, maximum_interval_s=None, reestimate_on_path_end=False)
+
+
+def figures(basis_size=50, fresh=0, *, replaced=0, finished=False, time_s=0.0):
+    return Figures(time_s, basis_size, fresh, replaced, finished)
+
+
+def some_figures():
+    return st.builds(
+        lambda size, share, replaced, finished, time_s: Figures(
+            time_s, size, round(share * size), replaced, finished
+        ),
+        st.integers(0, CAPACITY),
+        st.floats(0.0, 1.0),
+        st.integers(0, 10 * CAPACITY),
+        st.booleans(),
+        st.floats(0.0, 1e7),
+    )
+
+
+def exploration(**section):
+    return Exploration(ExplorationSection(**section), CAPACITY)
+
+
+@given(some_figures(), st.sampled_from(["added", "replaced"]))
+def test_rho_is_a_share(figures, rule):
+    assert 0.0 <= exploration(rho_rule=rule).rho(figures) <= 1.0
+
+
+@given(some_figures(), st.sampled_from(["added", "replaced"]))
+def test_a_threshold_of_one_is_never_exceeded(figures, rule):
+    decision = exploration(rho0=1.0, rho_rule=rule, minimum_basis=1, maximum_interval_s=None).decide(figures)
+    assert (decision is not None) == figures.path_finished
+
+
+@given(some_figures())
+def test_the_papers_rule_in_words(figures):
+    decision = Exploration(PAPER, CAPACITY).decide(figures)
+    if figures.basis_size and figures.fresh / figures.basis_size > 0.6:
+        assert decision is not None
+        assert decision.trigger is Trigger.NOVELTY
+        assert decision.reestimate
+    elif figures.path_finished:
+        assert decision is not None
+        assert decision.trigger is Trigger.PATH_FINISHED
+        assert not decision.reestimate
+    else:
+        assert decision is None
+
+
+@given(some_figures())
+def test_the_papers_rule_as_its_pseudo_code_has_it(figures):
+    literal = PAPER.model_copy(update={"rho_rule": "replaced"})
+    decision = Exploration(literal, CAPACITY).decide(figures)
+    fires = figures.basis_size >= 1 and figures.replaced / CAPACITY > 0.6
+    assert (decision is not None and decision.trigger is Trigger.NOVELTY) == fires
+
+
+@given(some_figures())
+def test_nothing_but_a_finished_path_counts_before_there_is_a_basis(figures):
+    decision = exploration(minimum_basis=CAPACITY, maximum_interval_s=1.0, rho0=0.01).decide(figures)
+    if figures.basis_size < CAPACITY:
+        assert (decision is not None) == figures.path_finished
+
+
+def test_the_threshold_itself_does_not_fire():
+    rule = exploration(rho0=0.6, minimum_basis=30)
+    assert rule.decide(figures(50, 30)) is None
+    assert rule.decide(figures(50, 31)).reason == "rho 0.62 > 0.60"
+    assert rule.decide(figures(29, 29)) is None
+
+
+@pytest.mark.parametrize("reestimate", [True, False])
+def test_a_finished_path(reestimate):
+    decision = exploration(reestimate_on_path_end=reestimate).decide(figures(finished=True))
+    assert (decision.trigger, decision.reestimate) == (Trigger.PATH_FINISHED, reestimate)
+
+
+def test_novelty_is_the_stronger_reason():
+    decision = exploration(reestimate_on_path_end=False).decide(figures(50, 50, finished=True))
+    assert (decision.trigger, decision.reestimate) == (Trigger.NOVELTY, True)
+
+
+def test_the_interval_counts_from_the_first_figures_and_then_from_each_reestimate():
+    rule = exploration(maximum_interval_s=100.0)
+    assert rule.decide(figures(time_s=5000.0)) is None
+    assert rule.decide(figures(time_s=5100.0)) is None
+    decision = rule.decide(figures(time_s=5100.5))
+    assert (decision.trigger, decision.reestimate) == (Trigger.MAXIMUM_INTERVAL, True)
+    rule.reestimated(5101.0)
+    assert rule.decide(figures(time_s=5200.0)) is None
+    assert rule.decide(figures(time_s=5202.0)).trigger is Trigger.MAXIMUM_INTERVAL

@@ -1,0 +1,192 @@
+"""The vehicle as the core sees it: position, progress, the rest of the way, and what is said when."""
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autonomy.config import Configuration
+from autonomy.dispatch import Dispatched
+from autonomy.geometry import LocalFrame
+from autonomy.helm import Helm
+from autonomy.mavlink.authority import OnBoard
+from autonomy.mavlink.codec import Codec
+from autonomy.mavlink.mission import waypoint
+from autonomy.planning.plan import Plan
+
+FRAME = LocalFrame(33.5, -118.5)
+AREA = [(33.4, -118.6), (33.4, -118.4), (33.6, -118.4), (33.6, -118.6)]
+CORNERS = np.array([(100.0, 0.0), (100.0, 100.0), (0.0, 100.0)])
+AUTO, HOLD = 10, 4
+
+
+class Boat:
+    """A helm, and the words of an autopilot to it."""
+
+    def __init__(self) -> None:
+        configuration = Configuration.model_validate({"survey": {"area": AREA}})
+        self.helm = Helm(configuration, FRAME)
+        self.now = 100.0
+        self._vehicle, self._own = Codec(1, 1), Codec(1, 191)
+
+    def hear(self, message):
+        (decoded,) = self._own.decode(self._vehicle.encode(message), "vehicle")
+        return self.helm.handle(self.now, decoded)
+
+    def beats(self, mode=AUTO, *, armed=True, autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA):
+        base = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+        return self.hear(
+            mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_SURFACE_BOAT, autopilot, base, mode, 4, 3)
+        )
+
+    def is_at(self, x, y, *, speed_mps=2.0, at_s=None):
+        lat_deg, lon_deg = FRAME.to_geodetic((x, y))
+        stamp = round(1000 * (self.now if at_s is None else at_s))
+        place = (round(lat_deg * 1e7), round(lon_deg * 1e7))
+        return self.hear(
+            mavlink.MAVLink_global_position_int_message(stamp, *place, 0, 0, round(100 * speed_mps), 0, 0, 0)
+        )
+
+    def tells_current(self, seq, state=mavlink.MISSION_STATE_ACTIVE, total=3):
+        return self.hear(mavlink.MAVLink_mission_current_message(seq, total, state, 1))
+
+    def reaches(self, seq):
+        return self.hear(mavlink.MAVLink_mission_item_reached_message(seq))
+
+    def sails(self):
+        """Our mission is on board, verified, and the operator has started it."""
+        self.beats(HOLD)
+        self.is_at(0.0, 0.0)
+        items = tuple(
+            waypoint(*position, acceptance_radius_m=5.0) for position in FRAME.to_geodetic(CORNERS).tolist()
+        )
+        plan = Plan(np.zeros(2), CORNERS, np.ones(len(CORNERS), dtype=bool), 0.0, "paper", "test")
+        self.helm.dispatch._verified(Dispatched(plan, items))
+        self.beats(AUTO)
+        self.tells_current(1)
+        return self
+
+
+@pytest.fixture
+def boat() -> Boat:
+    return Boat()
+
+
+def kinds(messages):
+    return [each.get_type() for each in messages]
+
+
+def test_before_a_vehicle_is_heard_there_are_heartbeats_only(boat):
+    assert kinds(boat.helm.step(boat.now)) == ["HEARTBEAT"]
+    assert boat.helm.next_deadline() == boat.now + 1.0
+    assert boat.helm.step(boat.now + 0.5) == []
+    assert not boat.helm.is_heard(boat.now)
+    with pytest.raises(RuntimeError, match="position"):
+        boat.helm.remaining_route_m()
+
+
+def test_a_vehicle_is_asked_for_streams_and_its_mission(boat):
+    boat.beats(HOLD)
+    assert kinds(boat.helm.step(boat.now)) == ["HEARTBEAT", "COMMAND_LONG", "MISSION_REQUEST_LIST"]
+    assert boat.helm.next_deadline() > boat.now
+
+
+def test_an_unknown_autopilot_is_told_nothing(boat):
+    boat.beats(autopilot=mavlink.MAV_AUTOPILOT_PX4)
+    boat.is_at(0.0, 0.0)
+    for second in range(10):
+        assert kinds(boat.helm.step(boat.now + second)) == ["HEARTBEAT"]
+        assert boat.helm.next_deadline() == boat.now + second + 1.0
+
+
+def test_a_silent_vehicle_is_told_nothing_and_asked_anew_when_it_is_back(boat):
+    boat.beats(HOLD)
+    boat.helm.step(boat.now)
+    for _ in range(20):
+        boat.now += 1.0
+        said = boat.helm.step(boat.now)
+        assert boat.helm.next_deadline() > boat.now
+    assert not boat.helm.is_heard(boat.now)
+    assert kinds(said) == ["HEARTBEAT"]
+    boat.beats(HOLD)
+    assert kinds(boat.helm.step(boat.now)) == ["COMMAND_LONG", "MISSION_REQUEST_LIST"]
+
+
+def test_position_and_distance(boat):
+    boat.beats()
+    for x in (0.0, 30.0, 30.0, 60.0):
+        boat.now += 1.0
+        boat.is_at(x, 0.0)
+    np.testing.assert_allclose(boat.helm.position_m, (60.0, 0.0), atol=0.05)
+    assert boat.helm.distance_m == pytest.approx(60.0, abs=0.1)
+    boat.is_at(0.0, 0.0, at_s=boat.now - 2.0)  # a straggler moves nobody
+    np.testing.assert_allclose(boat.helm.position_m, (60.0, 0.0), atol=0.05)
+
+
+def test_messages_that_tell_nothing_are_no_news(boat):
+    boat.sails()
+    assert not boat.hear(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)).news
+    assert boat.is_at(1.0, 0.0).news
+    assert boat.reaches(1).news
+    assert boat.beats(HOLD).news
+
+
+def test_the_rest_of_the_way(boat):
+    boat.sails()
+    assert boat.helm.sailing_ours
+    np.testing.assert_allclose(boat.helm.remaining_route_m(), [(0, 0), *CORNERS], atol=0.05)
+    boat.tells_current(2)
+    np.testing.assert_allclose(boat.helm.remaining_route_m(), [(0, 0), *CORNERS[1:]], atol=0.05)
+    boat.beats(HOLD)
+    np.testing.assert_allclose(boat.helm.remaining_route_m(), [(0, 0)], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "expected"), [(0.0, (0, 0)), (25.0, (50, 0)), (75.0, (100, 50)), (1e6, (0, 100))]
+)
+def test_the_expected_point_lies_on_the_rest_of_the_way(boat, delay_s, expected):
+    boat.sails()
+    np.testing.assert_allclose(boat.helm.expected_point_m(delay_s), expected, atol=0.1)
+
+
+def test_a_boat_that_we_do_not_sail_is_expected_where_it_is(boat):
+    boat.sails().beats(HOLD)
+    np.testing.assert_allclose(boat.helm.expected_point_m(100.0), (0.0, 0.0), atol=0.05)
+
+
+def test_the_path_is_finished_with_its_last_waypoint(boat):
+    boat.sails()
+    for seq in (1, 2):
+        boat.reaches(seq)
+        assert not boat.helm.path_finished
+    boat.reaches(3)
+    assert boat.helm.path_finished
+
+
+def test_the_path_is_finished_when_the_vehicle_says_so(boat):
+    boat.sails()
+    boat.tells_current(3)
+    assert not boat.helm.path_finished
+    boat.tells_current(3, mavlink.MISSION_STATE_COMPLETE)
+    assert boat.helm.path_finished
+
+
+def test_no_path_is_finished_while_another_is_on_its_way_or_somebody_else_sails(boat):
+    boat.sails().reaches(3)
+    boat.helm.offer(boat.helm.dispatch.active.plan)
+    assert not boat.helm.path_finished
+    boat.helm.dispatch._waiting = None
+    assert boat.helm.path_finished
+    boat.beats(HOLD)
+    assert not boat.helm.path_finished
+
+
+def test_what_was_reached_belongs_to_the_mission_that_was_on_board(boat):
+    boat.sails().reaches(3)
+    boat.helm.dispatch._verified(boat.helm.dispatch.active)
+    assert not boat.helm.path_finished
+
+
+def test_another_length_makes_us_read_the_mission(boat):
+    boat.sails().tells_current(1, total=9)
+    assert boat.helm.authority.on_board is OnBoard.UNREAD
+    assert not boat.helm.sailing_ours
