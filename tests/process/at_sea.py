@@ -31,7 +31,7 @@ def configure(folder: Path, endpoint: str, connect: Sequence[str] = (), **sectio
     """Write a configuration; `sections` are merged into it."""
     settings: dict[str, dict[str, Any]] = {
         "vehicle": {"name": VEHICLE},
-        "mavlink": {"endpoint": endpoint, "acceptance_radius_m": 20.0},
+        "mavlink": {"endpoint": endpoint, "acceptance_radius_m": 20.0, "link_timeout_s": 2.0},
         "survey": {"area": [[SOUTH, WEST], [SOUTH, EAST], [NORTH, EAST], [NORTH, WEST]], "standoff_m": 0.0},
         "sampling": {"spacing_m": _SPACING_M},
         "exploration": {"minimum_basis": 12},

@@ -40,9 +40,9 @@ def is_picture(path: Path) -> bool:
     return path.read_bytes().startswith(b"\x89PNG") and path.stat().st_size > 10_000
 
 
-def test_half_a_minute_teaches_the_field(tmp_path: Path) -> None:
+def test_a_short_one_teaches_the_field(tmp_path: Path) -> None:
     with Processes() as processes:
-        running = demo(processes, tmp_path, "--seconds", "28", "--speedup", "500")
+        running = demo(processes, tmp_path, "--seconds", "20", "--speedup", "500")
         assert running.wait(100.0) == 0, running.said
         assert running.family() == []
     outcome = summary(running)
@@ -80,7 +80,7 @@ def write_roms(path: Path) -> Path:
 def test_a_large_roms_file_is_shrunk_and_learnt(tmp_path: Path) -> None:
     field = write_roms(tmp_path / "ocean_his.nc")
     with Processes() as processes:
-        running = demo(processes, tmp_path, "--field", str(field), "--variable", "salt", "--seconds", "12")
+        running = demo(processes, tmp_path, "--field", str(field), "--variable", "salt", "--seconds", "8")
         assert running.wait(100.0) == 0, running.said
         assert running.family() == []
     outcome = summary(running)

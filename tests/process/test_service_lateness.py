@@ -116,6 +116,7 @@ def test_a_planning_job_delays_neither_heartbeats_nor_messages(tmp_path: Path) -
         survey={"area": AREA},
         sampling={"spacing_m": 2.0},
         exploration={"minimum_basis": 2},
+        model={"centring_samples": 5},
     )
     notes = tmp_path / "notes"
     program = str(Path(__file__).with_name("witness.py"))
@@ -123,7 +124,7 @@ def test_a_planning_job_delays_neither_heartbeats_nor_messages(tmp_path: Path) -
         service = processes.start(program, str(config), repr(vehicle.epoch_s), str(BURN_S), str(notes))
         sail_until(vehicle, service, "plan 2", 1, 60.0 + BURN_S)
         sail_until(vehicle, service, "waypoints verified on board", 2, 20.0)
-        vehicle.sail(2.0)
+        vehicle.sail(1.0)
         assert service.stop() == 0
     vehicle.close()
     seen = pickle.loads(notes.read_bytes())
