@@ -18,6 +18,9 @@ from autonomy.planning.plan import Plan
 
 HEARTBEAT_S = 1.0
 
+COMPLETE_WITNESSES = 2
+"""So many MISSION_CURRENT in a row must say so: a single one may be a straggler of the mission before."""
+
 
 @dataclass(frozen=True)
 class Heard:
@@ -52,6 +55,7 @@ class Helm:
         self._streams: StreamRequests | None = None
         self._heartbeat_due = 0.0
         self._conversing = False
+        self._complete_in_a_row = 0
 
     @property
     def state(self) -> VehicleState | None:
@@ -84,8 +88,7 @@ class Helm:
         active = self.dispatch.active
         if self.state is None or active is None or not self.sailing_ours or self.dispatch.busy:
             return False
-        is_complete = self.state.mission_state == mavlink.MISSION_STATE_COMPLETE
-        return is_complete or self.dispatch.reached >= len(active.items)
+        return self._complete_in_a_row >= COMPLETE_WITNESSES or self.dispatch.reached >= len(active.items)
 
     def remaining_route_m(self) -> FloatArray:
         """From the vessel along the mission it sails, shape (k, 2); the vessel alone when it sails none of ours.
@@ -135,7 +138,8 @@ class Helm:
             return Heard(observations, [], news=False)
         if state is not before:
             self._follow(message, state)
-        reached = self.telemetry.take_reached()
+        # A number beyond the present item belongs to the mission that was on board before.
+        reached = [seq for seq in self.telemetry.take_reached() if seq <= (state.mission_current or 0)]
         self.dispatch.reached = max([self.dispatch.reached, *reached])
         replies = [] if self._streams is None else self._streams.handle(now, message)
         talking = self.dispatch.talking
@@ -183,4 +187,6 @@ class Helm:
                 self.distance_m += math.hypot(*np.subtract(point, self._position_m))
             self._position_m = point
         elif kind == "MISSION_CURRENT":
+            is_complete = state.mission_state == mavlink.MISSION_STATE_COMPLETE
+            self._complete_in_a_row = self._complete_in_a_row + 1 if is_complete else 0
             self.dispatch.compare(state)

@@ -1,7 +1,7 @@
 """Local metres against the geodesic, and ways along polylines."""
 
-
 import pickle
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_advancing_stays_on_the_way_and_goes_as_far_as_it_says(route, distance_m
     wanted = min(max(0.0, distance_m), path_length_m(points))
     # Somewhere on the polyline, with that much of it behind.
     walked, best = 0.0, np.inf
-    for a, b in itertools.pairwise(points):
+    for a, b in pairwise(points):
         leg = np.hypot(*(b - a))
         part = np.clip(wanted - walked, 0.0, leg)
         best = min(best, np.hypot(*(a + (b - a) * (part / leg if leg else 0.0) - there)))

@@ -65,6 +65,10 @@ class Boat:
         self.tells_current(1)
         return self
 
+    def sails_to_the_end(self):
+        self.tells_current(3)
+        self.reaches(3)
+
 
 @pytest.fixture
 def boat() -> Boat:
@@ -158,8 +162,19 @@ def test_the_path_is_finished_with_its_last_waypoint(boat):
     for seq in (1, 2):
         boat.reaches(seq)
         assert not boat.helm.path_finished
+        boat.tells_current(seq + 1)
     boat.reaches(3)
     assert boat.helm.path_finished
+
+
+def test_stragglers_of_the_last_mission_finish_nothing(boat):
+    boat.sails()
+    boat.reaches(3)
+    boat.tells_current(3, mavlink.MISSION_STATE_COMPLETE)
+    assert not boat.helm.path_finished
+    boat.tells_current(1)
+    boat.tells_current(3)
+    assert not boat.helm.path_finished
 
 
 def test_the_path_is_finished_when_the_vehicle_says_so(boat):
@@ -167,11 +182,12 @@ def test_the_path_is_finished_when_the_vehicle_says_so(boat):
     boat.tells_current(3)
     assert not boat.helm.path_finished
     boat.tells_current(3, mavlink.MISSION_STATE_COMPLETE)
+    boat.tells_current(3, mavlink.MISSION_STATE_COMPLETE)
     assert boat.helm.path_finished
 
 
 def test_no_path_is_finished_while_another_is_on_its_way_or_somebody_else_sails(boat):
-    boat.sails().reaches(3)
+    boat.sails().sails_to_the_end()
     boat.helm.offer(boat.helm.dispatch.active.plan)
     assert not boat.helm.path_finished
     boat.helm.dispatch._waiting = None
@@ -181,7 +197,7 @@ def test_no_path_is_finished_while_another_is_on_its_way_or_somebody_else_sails(
 
 
 def test_what_was_reached_belongs_to_the_mission_that_was_on_board(boat):
-    boat.sails().reaches(3)
+    boat.sails().sails_to_the_end()
     boat.helm.dispatch._verified(boat.helm.dispatch.active)
     assert not boat.helm.path_finished
 
