@@ -150,7 +150,6 @@ class MissionDispatch:
             # What we would overwrite may be what the operator has just sent: look first.
             sent += self._machine.cancel()
             self.forget()
-            self._interrupted.clear()
             self._pause(now, "somebody else is uploading a mission: ours waits")
         self._conclude(now)
         return sent
