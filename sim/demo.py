@@ -24,7 +24,7 @@ from sim.operator import Operator
 from sim.plots import demo_figure
 
 VEHICLE = "demo"
-_START_S = 30.0
+_START_S = 90.0
 _STOP_S = 10.0
 _TURN_S = 0.25
 
