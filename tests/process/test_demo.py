@@ -42,7 +42,7 @@ def is_picture(path: Path) -> bool:
 
 def test_a_short_one_teaches_the_field(tmp_path: Path) -> None:
     with Processes() as processes:
-        running = demo(processes, tmp_path, "--seconds", "20", "--speedup", "500")
+        running = demo(processes, tmp_path, "--seconds", "15", "--speedup", "500")
         assert running.wait(100.0) == 0, running.said
         assert running.family() == []
     outcome = summary(running)

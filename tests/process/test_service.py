@@ -98,6 +98,15 @@ def test_a_hung_router_does_not_hold_up_the_stop(tmp_path: Path) -> None:
         assert running.family() == []
 
 
+def test_its_worker_does_not_outlive_it(tmp_path: Path) -> None:
+    with Processes() as processes:
+        running = processes.service(configure(tmp_path, f"udpin:127.0.0.1:{free_port()}"))
+        running.wait_until(lambda: len(running.family()) == 2, what="a worker")
+        running.send(signal.SIGKILL)
+        assert running.wait() == -signal.SIGKILL
+        wait_until(lambda: running.family() == [], what="the worker's end")
+
+
 def test_systemd_is_told(tmp_path: Path) -> None:
     address = str(tmp_path / "notify")
     with Processes() as processes, socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
