@@ -42,7 +42,7 @@ def is_picture(path: Path) -> bool:
 
 def test_a_short_one_teaches_the_field(tmp_path: Path) -> None:
     with Processes() as processes:
-        running = demo(processes, tmp_path, "--seconds", "15", "--speedup", "500")
+        running = demo(processes, tmp_path, "--seconds", "12", "--speedup", "500")
         assert running.wait(100.0) == 0, running.said
         assert running.family() == []
     outcome = summary(running)
@@ -80,7 +80,7 @@ def write_roms(path: Path) -> Path:
 def test_a_large_roms_file_is_shrunk_and_learnt(tmp_path: Path) -> None:
     field = write_roms(tmp_path / "ocean_his.nc")
     with Processes() as processes:
-        running = demo(processes, tmp_path, "--field", str(field), "--variable", "salt", "--seconds", "8")
+        running = demo(processes, tmp_path, "--field", str(field), "--variable", "salt", "--seconds", "5")
         assert running.wait(100.0) == 0, running.said
         assert running.family() == []
     outcome = summary(running)

@@ -46,13 +46,13 @@ def test_the_vehicle_comes_late_goes_and_comes_again(tmp_path: Path) -> None:
         assert shore.latest(VEHICLE).health.state == "waiting_for_vehicle"
         first = processes.vessel(*vessel_at(port, operator))
         with operating(f"tcp:127.0.0.1:{operator}"):
-            wait_for_samples(running, shore, 30)
+            wait_for_samples(running, shore, 10)
         first.kill()
         wait_until(lambda: shore.latest(VEHICLE).health.state == "waiting_for_vehicle", what="the loss")
         learnt = samples(shore)
         processes.vessel(*vessel_at(port, operator))
         with operating(f"tcp:127.0.0.1:{operator}") as bridge:
-            wait_for_samples(running, shore, learnt + 30)
+            wait_for_samples(running, shore, learnt + 10)
             started = time.monotonic()
             assert running.stop() == 0
             print(f"stopped within {time.monotonic() - started:.1f} s")
@@ -80,7 +80,7 @@ def test_routers_come_late_go_and_come_again(tmp_path: Path) -> None:
                     assert samples(shore) >= seen[-1] + 10
                     seen.append(samples(shore) + 10)
                     wait_for_samples(running, shore, seen[-1])
-                time.sleep(1.5)
+                time.sleep(1.0)
         print(f"samples seen: {seen}")
         assert running.stop() == 0
         assert running.family() == []
