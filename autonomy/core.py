@@ -28,7 +28,7 @@ from autonomy.planning.plan import Plan
 from autonomy.planning.planners import PlanRequest
 from autonomy.planning.survey import SurveyArea
 from autonomy.reporting import Reporter, Status
-from autonomy.sampling import SampleGate
+from autonomy.sampling import TOO_CLOSE, SampleGate
 
 JOB_RETRY_S = 5.0
 """Pause after a job without a plan, doubled with every further one up to 32 times as long."""
@@ -38,6 +38,9 @@ LEG_WATCH_S = 0.2
 
 LEG_ALARM_S = 30.0
 """Pause between two alarms about land before the vessel that can't be sailed round."""
+
+SILENT_SENSOR_S = 30.0
+"""A survey without readings for this long is told to be one."""
 
 UPLOAD_S = 0.3
 """Protocol time from a finished plan to the vessel following it, on a good link."""
@@ -85,6 +88,9 @@ class Core:
         self._may_upload = False
         self._stopping = False
         self._leg_watch_due = 0.0
+        self._explained: set[str] = set()
+        self._heard_reading = -math.inf
+        self._exploring_since = math.inf
 
     def handle(self, now: float, event: Event) -> list[Effect]:
         """Take in one event at protocol time `now`; returns what the shell shall do, in order."""
@@ -121,21 +127,29 @@ class Core:
     def _hear(self, now: float, message: Any) -> bool:
         """Take in a message; returns whether it told anything new."""
         heard = self._helm.handle(now, message)
+        if heard.observations:
+            self._heard_reading = now
         self._send(heard.replies)
         for observation in heard.observations:
             self._observe(observation)
         return heard.news or bool(heard.observations)
 
     def _observe(self, observation: Observation) -> None:
-        vehicle = self._helm.state
-        point = self._gate.admit(
-            observation,
-            survey_started=self._helm.authority.survey_started,
-            speed_mps=(vehicle.groundspeed_mps or 0.0) if vehicle is not None else 0.0,
-        )
+        vehicle, started = self._helm.state, self._helm.authority.survey_started
+        if vehicle is None:
+            return
+        point = self._gate.admit(observation, vehicle, survey_started=started)
         if point is not None:
             self._learner.add(point, observation.value, observation.model_time_s)
             self._reporter.observed(observation)
+        elif started:
+            self._explain_refusals()
+
+    def _explain_refusals(self) -> None:
+        """Say it once for each reason why readings do not teach the model: a silent map wants an explanation."""
+        for reason in self._gate.refused.keys() - self._explained - {TOO_CLOSE, "survey not started"}:
+            self._reporter.log(Level.WARNING, f"a reading was not learnt (said once): {reason}")
+            self._explained.add(reason)
 
     def _finish(self, now: float, job_id: int, result: jobs.ExploreResult) -> None:
         job = self._job
@@ -147,8 +161,7 @@ class Core:
         if result.reestimate is not None:
             self._learner.adopt(result.reestimate)
             self._exploration.reestimated(self._helm.model_time_s)
-            found = result.reestimate
-            self._reporter.reestimated(found.hyperparameters, found.prior_mean)
+            self._reporter.reestimated(result.reestimate)
         else:
             self._learner.mark()
         if result.plan is None:
@@ -251,12 +264,14 @@ class Core:
     def _look(self, now: float) -> None:
         """What we are doing, and why; said once when it changes."""
         self._in_touch = self._helm.is_heard(now)
-        state, reason = self._situation()
+        state, reason = self._situation(now)
         if (state, reason) != (self._state, self._reason):
             self._reporter.log(Level.INFO, f"{state.value}: {reason}")
+        if state is not self._state:
+            self._exploring_since = now
         self._state, self._reason = state, reason
 
-    def _situation(self) -> tuple[State, str]:
+    def _situation(self, now: float) -> tuple[State, str]:
         vehicle, authority = self._helm.state, self._helm.authority
         self._may_upload = False
         if vehicle is None:
@@ -272,7 +287,11 @@ class Core:
             return State.WAITING_FOR_VEHICLE, reason
         # A mission that somebody else has put on board, or removed, is his will as much as his mode switch.
         replaced = authority.on_board in (OnBoard.FOREIGN, OnBoard.EMPTY) and not permission.allowed
-        return State.YIELDED if replaced else State.EXPLORING, reason
+        if replaced:
+            return State.YIELDED, reason
+        if now - max(self._heard_reading, self._exploring_since) > SILENT_SENSOR_S:
+            reason += f", but no reading named {self._configuration.sensor.message_name} comes in"
+        return State.EXPLORING, reason
 
     def _decide(self, now: float) -> Decision | None:
         """What to plan for now, if it is time to and the plan could be sailed."""

@@ -6,8 +6,7 @@ from importlib.metadata import version
 
 from autonomy.config import Configuration
 from autonomy.effects import Effect, Level, Log, Publish, Topic
-from autonomy.learning.kernel import Hyperparameters
-from autonomy.learning.learner import Learner
+from autonomy.learning.learner import Learner, Reestimate
 from autonomy.mavlink.authority import mode_name
 from autonomy.mavlink.telemetry import Observation, Telemetry
 from autonomy.planning.plan import Plan
@@ -84,13 +83,16 @@ class Reporter:
             )
         )
 
-    def reestimated(self, hyperparameters: Hyperparameters, prior_mean: float) -> None:
-        """The model goes on under other hyperparameters."""
-        h = hyperparameters
+    def reestimated(self, found: Reestimate) -> None:
+        """The model was rebuilt, under other hyperparameters if the fit found any."""
+        if found.fit.kept_start:
+            self.log(Level.INFO, f"hyperparameters kept: {found.fit.message}")
+            return
+        h = found.hyperparameters
         scales = " x ".join(f"{scale:.0f}" for scale in h.lengthscales_m)
         self.log(
             Level.INFO,
-            f"re-estimated: mean {prior_mean:.3f}, signal sd {h.signal_variance**0.5:.3g}, "
+            f"re-estimated: mean {found.prior_mean:.3f}, signal sd {h.signal_variance**0.5:.3g}, "
             f"length-scales {scales} m, noise sd {h.noise_variance**0.5:.3g}",
         )
 

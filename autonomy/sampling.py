@@ -7,8 +7,11 @@ import numpy as np
 
 from autonomy.config import SamplingSection, SensorSection
 from autonomy.geometry import FloatArray
-from autonomy.mavlink.telemetry import Observation
+from autonomy.mavlink.telemetry import Observation, VehicleState
 from autonomy.planning.survey import SurveyArea
+
+TOO_CLOSE = "closer than the sampling distance"
+"""The one refusal that is in the order of things."""
 
 
 class SampleGate:
@@ -25,29 +28,29 @@ class SampleGate:
         self._last_point: FloatArray | None = None
         self.refused: Counter[str] = Counter()
 
-    def admit(self, observation: Observation, *, survey_started: bool, speed_mps: float) -> FloatArray | None:
+    def admit(
+        self, observation: Observation, vehicle: VehicleState, *, survey_started: bool
+    ) -> FloatArray | None:
         """The local point, shape (2,), of a reading that shall teach the model; None if it shall not."""
         point = self._survey.frame.to_local(observation.lat_deg, observation.lon_deg)
-        reason = self._refusal(observation, point, survey_started, speed_mps)
+        reason = self._refusal(observation, point, vehicle) if survey_started else "survey not started"
         if reason is not None:
             self.refused[reason] += 1
             return None
         self._last_point = point
         return point
 
-    def _refusal(
-        self, observation: Observation, point: FloatArray, survey_started: bool, speed_mps: float
-    ) -> str | None:
-        if not survey_started:
-            return "survey not started"
+    def _refusal(self, observation: Observation, point: FloatArray, vehicle: VehicleState) -> str | None:
+        if not vehicle.position_ok:
+            return "the vehicle is not sure of its position"
         if not self._sensor.minimum <= observation.value <= self._sensor.maximum:
             return "outside the sensor's range"
-        if speed_mps < self._sampling.minimum_speed_mps:
+        if (vehicle.groundspeed_mps or 0.0) < self._sampling.minimum_speed_mps:
             return "not under way"
         if not self._survey.contains(float(point[0]), float(point[1])):
             return "outside the survey area"
         if self._last_point is not None:
             distance_m = math.hypot(*np.subtract(point, self._last_point))
             if distance_m < self._sampling.spacing_m:
-                return "closer than the sampling distance"
+                return TOO_CLOSE
         return None

@@ -97,7 +97,7 @@ def test_a_finished_path_brings_another(make_voyage, estimates):
 
 
 def test_the_longest_interval_brings_a_reestimate(make_voyage):
-    voyage = make_voyage(exploration={"rho0": 1.0, "maximum_interval_s": 250.0})
+    voyage = make_voyage(exploration={"rho0": 1.0, "maximum_interval_s": 250.0, "minimum_basis": 10})
     voyage.start()
     started = voyage.now
     voyage.until("s since the last re-estimate")

@@ -6,7 +6,7 @@ import shapely
 
 from autonomy.config import SamplingSection, SensorSection
 from autonomy.geometry import LocalFrame
-from autonomy.mavlink.telemetry import Observation
+from autonomy.mavlink.telemetry import Observation, VehicleState
 from autonomy.planning.survey import SurveyArea
 from autonomy.sampling import SampleGate
 
@@ -21,10 +21,17 @@ class Gate:
         sampling = SamplingSection(spacing_m=spacing_m, minimum_speed_mps=0.5)
         self.gate = SampleGate(SURVEY, sampling, SensorSection(minimum=minimum, maximum=maximum))
 
-    def admit(self, x, y, value=33.0, *, started=True, speed_mps=2.0):
-        lat_deg, lon_deg = FRAME.to_geodetic((x, y))
-        observation = Observation(1.0, float(lat_deg), float(lon_deg), value)
-        return self.gate.admit(observation, survey_started=started, speed_mps=speed_mps)
+    def admit(self, x, y, value=33.0, *, started=True, speed_mps=2.0, ekf_ok=True):
+        lat_deg, lon_deg = map(float, FRAME.to_geodetic((x, y)))
+        observation = Observation(1.0, lat_deg, lon_deg, value)
+        vehicle = VehicleState(
+            *(1, 1, 3, 11, 10, True, 4),
+            lat_deg=lat_deg,
+            lon_deg=lon_deg,
+            groundspeed_mps=speed_mps,
+            ekf_ok=ekf_ok,
+        )
+        return self.gate.admit(observation, vehicle, survey_started=started)
 
 
 def test_a_good_reading_comes_through_at_its_place():
@@ -39,6 +46,7 @@ def test_a_good_reading_comes_through_at_its_place():
         ({"x": 200.0, "y": 200.0, "value": 40.1}, "outside the sensor's range"),
         ({"x": 200.0, "y": 200.0, "value": float("nan")}, "outside the sensor's range"),
         ({"x": 200.0, "y": 200.0, "speed_mps": 0.4}, "not under way"),
+        ({"x": 200.0, "y": 200.0, "ekf_ok": False}, "the vehicle is not sure of its position"),
         ({"x": -1.0, "y": 200.0}, "outside the survey area"),
         ({"x": 500.0, "y": 500.0}, "outside the survey area"),
     ],
