@@ -162,8 +162,6 @@ class Core:
             self._learner.adopt(result.reestimate)
             self._exploration.reestimated(self._helm.model_time_s)
             self._reporter.reestimated(result.reestimate)
-        else:
-            self._learner.mark()
         if result.plan is None:
             self._postpone(now, f"no plan: {result.problem}")
             return
@@ -323,6 +321,9 @@ class Core:
         estimate = None
         if decision.reestimate and self._learner.born:
             estimate = self._learner.reestimate_request(seed, configuration.estimation)
+        elif decision.trigger is Trigger.PATH_FINISHED:
+            # In the paper every new path begins with rho = 0, re-estimate or not.
+            self._learner.mark()
         plan = PlanRequest(
             model=self._learner.model(),
             start_m=self._helm.expected_point_m(self._planning_s + UPLOAD_S),

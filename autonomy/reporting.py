@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import version
 
+from autonomy import __version__
 from autonomy.config import Configuration
 from autonomy.effects import Effect, Level, Log, Publish, Topic
 from autonomy.learning.learner import Learner, Reestimate
@@ -64,7 +64,6 @@ class Reporter:
         self._survey = survey
         self._telemetry = telemetry
         self._learner = learner
-        self._software_version = version("halocline")
         self._model_schedule = _Schedule(configuration.shore.model_period_s)
         self._health_schedule = _Schedule(configuration.shore.health_period_s)
         self._observations: list[ObservationNotice] = []
@@ -152,7 +151,7 @@ class Reporter:
         return ModelSnapshot(
             vehicle=self._configuration.vehicle.name,
             sequence=self._sequence,
-            software_version=self._software_version,
+            software_version=__version__,
             variable=self._configuration.sensor.variable,
             units=self._configuration.sensor.units,
             model=self._learner.model(),

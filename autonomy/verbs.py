@@ -7,8 +7,9 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import NoReturn
+
+from autonomy import __version__
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ def run_verb(program: str, about: str, verbs: Mapping[str, Verb], arguments: Seq
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog="verbs:\n" + "\n".join(f"  {name:{width}}  {verb.summary}" for name, verb in verbs.items()),
     )
-    parser.add_argument("--version", action="version", version=f"halocline {version('halocline')}")
+    parser.add_argument("--version", action="version", version=f"halocline {__version__}")
     parser.add_argument("verb", choices=list(verbs), metavar="VERB", help="one of the verbs below")
     chosen = verbs[parser.parse_args(words[:1]).verb]
     module = importlib.import_module(chosen.module)
