@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from autonomy.commands.configuration import EXIT_CONFIGURATION
 from autonomy.commands import run as run_command
+from autonomy.commands.configuration import EXIT_CONFIGURATION
 
 UNIT = Path(__file__).parents[2] / "systemd" / "halocline@.service"
 DROP_IN = UNIT.with_name("serial.conf")
