@@ -28,6 +28,7 @@ class ReestimateRequest:
     cells: HistoryCells
     basis: FloatArray
     basis_readings: FloatArray
+    basis_counts: FloatArray
     hyperparameters: Hyperparameters
     prior_mean: float
     refresh_mean: bool
@@ -175,6 +176,7 @@ class Learner:
             cells=self.history.cells(),
             basis=gp.basis,
             basis_readings=gp.basis_readings,
+            basis_counts=gp.basis_counts,
             hyperparameters=gp.hyperparameters,
             prior_mean=gp.prior_mean,
             refresh_mean=self._centring_samples > 0,
@@ -256,7 +258,7 @@ def _fit_count(request: ReestimateRequest) -> int:
 def _fit(request: ReestimateRequest) -> Fit:
     options = request.options
     if options.data == "basis":
-        x, y, noise_scale = request.basis, request.basis_readings, None
+        x, y, noise_scale = request.basis, request.basis_readings, 1.0 / request.basis_counts
     else:
         chosen = np.random.default_rng(request.seed).permutation(len(request.cells))[: _fit_count(request)]
         sample = request.cells.take(chosen)
@@ -284,7 +286,7 @@ def _rebuild(request: ReestimateRequest, h: Hyperparameters, prior_mean: float) 
     cells = request.cells
     novelty = request.novelty * _REBUILD_NOVELTY
     chosen = np.array(select_basis(cells.points, h, request.capacity, novelty), dtype=np.intp)
-    gp.start_basis(cells.points[chosen], cells.means[chosen])
+    gp.start_basis(cells.points[chosen], cells.means[chosen], cells.counts[chosen])
     noise = h.noise_variance / cells.counts
     if h.timescale_s == math.inf:
         gp.absorb(cells.points, cells.means, noise)

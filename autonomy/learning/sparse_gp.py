@@ -67,7 +67,9 @@ class SparseOnlineGP:
         self.updates = 0
         self.replacements = 0
         self._inverse_scales = 1.0 / np.array(hyperparameters.lengthscales_m)[:, None]
-        self._set_basis(np.zeros((0, hyperparameters.dimensions)), np.zeros(0), np.zeros(0, dtype=np.int64))
+        self._set_basis(
+            np.zeros((0, hyperparameters.dimensions)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int64)
+        )
         self._L = np.zeros((0, 0), order="F")
         self._mu = np.zeros(0)
         self._S = np.zeros((0, 0), order="F")
@@ -85,6 +87,11 @@ class SparseOnlineGP:
     def basis_readings(self) -> FloatArray:
         """The reading (m,) that each basis vector was added with, in sensor units (not centred)."""
         return self._readings.copy()
+
+    @property
+    def basis_counts(self) -> FloatArray:
+        """How many readings (m,) each of `basis_readings` is the mean of: its noise is σn²/count."""
+        return self._counts.copy()
 
     @property
     def basis_births(self) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
@@ -125,14 +132,14 @@ class SparseOnlineGP:
             return Update.PROJECTED
         e = self._back(a)
         if len(self) < self.capacity:
-            self._append(point, value, a, e, gamma)
+            self._append(point, value, noise, a, e, gamma)
             self._condition(np.append(p, math.sqrt(gamma)), r, s)
             return Update.ADDED
         worst = self._least_important(p, e, gamma, r / s)
         if worst is None:
             self._condition(p, r, s)
             return Update.PROJECTED
-        self._append(point, value, a, e, gamma)
+        self._append(point, value, noise, a, e, gamma)
         self._condition(np.append(p, math.sqrt(gamma)), r, s)
         self.delete(worst)
         self.replacements += 1
@@ -164,7 +171,7 @@ class SparseOnlineGP:
         keep = np.arange(m) != index
         floor = 1.0 / (self.hyperparameters.signal_variance * (1.0 + self.jitter))
         self._q_diagonal = np.maximum(self._q_diagonal - column**2 / column[index], floor)[keep]
-        self._set_basis(self._basis[keep], self._readings[keep], self._births[keep])
+        self._set_basis(self._basis[keep], self._readings[keep], self._counts[keep], self._births[keep])
         if m == 1:
             self._L, self._mu, self._S = np.zeros((0, 0), order="F"), np.zeros(0), np.zeros((0, 0), order="F")
             return
@@ -222,19 +229,25 @@ class SparseOnlineGP:
         self._mu = self._mu + self._S @ (scaled @ residual)
         self.updates += len(points)
 
-    def start_basis(self, points: ArrayLike, readings: ArrayLike) -> None:
-        """Give an empty model its basis: `points` (m, d) with their `readings` (m,), which are not learnt."""
+    def start_basis(self, points: ArrayLike, readings: ArrayLike, counts: ArrayLike) -> None:
+        """Give an empty model its basis: `points` (m, d) with their `readings` (m,), which are not learnt.
+
+        Each of `readings` is the mean of that many of `counts` (m,).
+        """
         if len(self):
             raise ValueError(f"the model already has {len(self)} basis vectors")
         points = as_points(points, self.hyperparameters.dimensions)
         readings = as_vector(readings, "readings", len(points))
+        counts = as_vector(counts, "counts", len(points))
+        if (counts <= 0).any():
+            raise ValueError("counts must be positive")
         m = len(points)
         if m > self.capacity:
             raise ValueError(f"{m} basis vectors exceed the capacity of {self.capacity}")
         if m == 0:
             return
         self._L = prior_factor(points, self.hyperparameters, self.jitter)
-        self._set_basis(points.copy(), readings.copy(), np.zeros(m, dtype=np.int64))
+        self._set_basis(points.copy(), readings.copy(), counts.copy(), np.zeros(m, dtype=np.int64))
         self._mu = np.zeros(m)
         self._S = np.asfortranarray(np.eye(m))
         self._q_diagonal = np.square(self._inverse_factor()).sum(axis=0)
@@ -293,9 +306,13 @@ class SparseOnlineGP:
         return a, p, r, noise + gamma + float(a @ p), gamma
 
     def _set_basis(
-        self, basis: FloatArray, readings: FloatArray, births: np.ndarray[tuple[int], np.dtype[np.int64]]
+        self,
+        basis: FloatArray,
+        readings: FloatArray,
+        counts: FloatArray,
+        births: np.ndarray[tuple[int], np.dtype[np.int64]],
     ) -> None:
-        self._basis, self._readings, self._births = basis, readings, births
+        self._basis, self._readings, self._counts, self._births = basis, readings, counts, births
         self._scaled = np.ascontiguousarray(basis.T) * self._inverse_scales
 
     def _whiten(self, point: FloatArray) -> FloatArray:
@@ -337,7 +354,9 @@ class SparseOnlineGP:
         # The same vector twice keeps S symmetric to the last bit.
         self._S = dger(-1.0, w, w, a=self._S, overwrite_x=0, overwrite_y=0, overwrite_a=1)
 
-    def _append(self, point: FloatArray, value: float, a: FloatArray, e: FloatArray, gamma: float) -> None:
+    def _append(
+        self, point: FloatArray, value: float, noise: float, a: FloatArray, e: FloatArray, gamma: float
+    ) -> None:
         """Extend the basis by `point`: v gets one more coordinate, a priori independent of the others."""
         m = len(self)
         L = np.zeros((m + 1, m + 1), order="F")
@@ -352,6 +371,7 @@ class SparseOnlineGP:
         self._set_basis(
             np.vstack([self._basis, point]),
             np.append(self._readings, value),
+            np.append(self._counts, self.hyperparameters.noise_variance / noise),
             np.append(self._births, self.updates),
         )
 

@@ -115,7 +115,7 @@ def test_deleting_everything_leaves_the_prior():
 def test_on_a_frozen_basis_the_stream_is_batch_fitc():
     x, y = readings(5, 300)
     gp = SparseOnlineGP(H, 30, novelty=0.0)
-    gp.start_basis(x[:30], y[:30])
+    gp.start_basis(x[:30], y[:30], np.ones(30))
     batch = copy.deepcopy(gp)
     for point, value in zip(x, y, strict=True):
         gp.project(point, value)
@@ -187,6 +187,23 @@ def test_capacity_binds_and_every_reading_is_answered():
     for point, reading, birth in zip(gp.basis, gp.basis_readings, gp.basis_births, strict=True):
         np.testing.assert_array_equal(point, x[birth - 1])
         assert reading == y[birth - 1]
+
+
+def test_a_basis_vector_knows_of_how_many_readings_its_own_is_the_mean():
+    x, y = readings(12, 40, extent=1000.0)
+    gp = SparseOnlineGP(H, 20)
+    gp.start_basis(x[:20], y[:20], np.arange(1.0, 21.0))
+    of = dict(zip(map(tuple, x[:20]), np.arange(1.0, 21.0), strict=True))
+    for point, value in zip(x[20:30], y[20:30], strict=True):
+        gp.update(point, value)
+        of[tuple(point)] = 1.0
+    for point, value in zip(x[30:], y[30:], strict=True):
+        gp.update(point, value, H.noise_variance / 4)
+        of[tuple(point)] = 4.0
+    assert gp.replacements > 5
+    np.testing.assert_allclose(gp.basis_counts, [of[tuple(point)] for point in gp.basis])
+    with pytest.raises(ValueError, match="counts must be positive"):
+        SparseOnlineGP(H, 20).start_basis(x[:2], y[:2], [1.0, 0.0])
 
 
 def test_capacity_one_works():

@@ -32,7 +32,7 @@ def field(points, lengthscale):
 def batch(gp, points, values):
     """Batch FITC on the same basis, a thousand readings at a time."""
     whole = SparseOnlineGP(gp.hyperparameters, gp.capacity, gp.novelty, gp.jitter, gp.prior_mean)
-    whole.start_basis(gp.basis, gp.basis_readings)
+    whole.start_basis(gp.basis, gp.basis_readings, gp.basis_counts)
     for start in range(0, len(points), 1000):
         part = slice(start, start + 1000)
         whole.absorb(
