@@ -1,12 +1,45 @@
-"""Where zenoh sessions meet: the addresses people write, and the settings made of them. Pure."""
+"""Addresses as people write them, of MAVLink links and zenoh sessions, and the settings made of them. Pure."""
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 _ENDPOINT = re.compile(
     r"(?P<protocol>tcp|udp|tls|quic|ws)/(?P<host>\[[0-9A-Fa-f:.]+(%\w+)?\]|[^\s/:\[\]?#]+):(?P<port>\d{1,5})(?P<rest>[?#]\S*)?"
 )
+
+
+_LINK = re.compile(
+    r"(?P<kind>udpin|udpout|tcp):(?:\[(?P<ip6>[0-9A-Fa-f:.]+(?:%\w+)?)\]|(?P<host>[^\s:/.]+(?:\.[^\s:/.]+)*)):(?P<port>\d{1,5})"
+    r"|serial:(?P<device>[^\s:]+):(?P<baud>[1-9]\d{0,7})"
+)
+
+
+@dataclass(frozen=True)
+class LinkEndpoint:
+    """A MAVLink link: `kind` is udpin, udpout, tcp or serial; `host` may be a device, `number` a baud rate."""
+
+    kind: str
+    host: str
+    number: int
+
+
+def parse_link(text: str) -> LinkEndpoint:
+    """Read `udpin:HOST:PORT`, `udpout:HOST:PORT`, `tcp:HOST:PORT` or `serial:DEVICE:BAUD`; IPv6 hosts in brackets.
+
+    Raises:
+        ValueError: it is none of these; shows how one is written.
+    """
+    match = _LINK.fullmatch(text)
+    if match is None:
+        wanted = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD"
+        raise ValueError(f"endpoint {text!r}: must be {wanted}")
+    if match["device"] is not None:
+        return LinkEndpoint("serial", match["device"], int(match["baud"]))
+    if not 1 <= int(match["port"]) <= 65535:
+        raise ValueError(f"endpoint {text!r}: the port must be from 1 to 65535")
+    return LinkEndpoint(match["kind"], match["ip6"] or match["host"], int(match["port"]))
 
 
 def check_endpoint(text: str) -> str:

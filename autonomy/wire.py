@@ -238,7 +238,10 @@ def encode(value: Payload) -> bytes:
     """
     topic, content = _as_map(value)
     checked(topic, content)
-    return cbor2.dumps({"v": VERSION, **content})
+    try:
+        return cbor2.dumps({"v": VERSION, **content})
+    except UnicodeEncodeError as error:
+        raise WireError(f"{topic.value}: a text cannot be written as UTF-8: {error.reason}") from None
 
 
 def decode(topic: Topic, payload: bytes) -> Received:

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
 from autonomy.config.file import shown
-from autonomy.endpoints import check_endpoint
+from autonomy.endpoints import check_endpoint, parse_link
 
 ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD"
 LOCATOR_FORMS = "PROTOCOL/HOST:PORT with protocol tcp, udp, tls, quic or ws"
@@ -24,14 +24,14 @@ def _not_nan(value: float) -> float:
 
 
 def _endpoint(value: str) -> str:
-    network = re.fullmatch(r"(?:udpin|udpout|tcp):[^:\s]+:(\d{1,5})", value)
-    serial = re.fullmatch(r"serial:[^:\s]+:(\d{1,8})", value)
-    if network and 1 <= int(network[1]) <= 65535:
-        return value
-    if serial and int(serial[1]) > 0:
-        return value
-    fault = "the port must be from 1 to 65535" if network else "not an endpoint"
-    raise PydanticCustomError("endpoint", "{fault} (got {value})", {"fault": fault, "value": shown(value)})
+    try:
+        parse_link(value)
+    except ValueError as error:
+        fault = "the port must be from 1 to 65535" if "port must" in str(error) else "not an endpoint"
+        raise PydanticCustomError(
+            "endpoint", "{fault} (got {value})", {"fault": fault, "value": shown(value)}
+        ) from None
+    return value
 
 
 def _locator(value: str) -> str:

@@ -83,9 +83,19 @@ class Daemon:
             self._notifier.ready()
             self._feed_watchdog()
             log.info("listening for the vehicle at %s", self._configuration.mavlink.endpoint)
-            await ended
+            await self._until_the_end(ended)
         finally:
             await self._close()
+
+    async def _until_the_end(self, ended: "asyncio.Future[None]") -> None:
+        """Wait for the stop. The keepers of worker and link never end by themselves: if one does, so does the run."""
+        assert self._transport is not None
+        keepers = [self._worker.keeper, self._transport.keeper]
+        await asyncio.wait([ended, *keepers], return_when=asyncio.FIRST_COMPLETED)
+        for keeper in keepers:
+            if keeper.done():
+                keeper.result()
+        ended.result()
 
     def _stop(self) -> None:
         if self._ended is None or self._ended.done():
@@ -140,6 +150,7 @@ class Daemon:
             case Publish(topic, HealthNotice() as health):
                 dropped = sum(self._publisher.status.dropped.values())
                 self._publisher.publish(topic, replace(health, dropped=dropped))
+                self._notifier.status(f"{health.state}: {health.reason}")
             case Publish(topic, payload):
                 self._publisher.publish(topic, payload)
             case Log(level, text):

@@ -1,6 +1,5 @@
 """What goes ashore: a thread of its own owns the zenoh session, for a put on a dying link can block."""
 
-import json
 import logging
 import threading
 from collections import deque
@@ -13,6 +12,7 @@ import zenoh
 from autonomy import wire
 from autonomy.effects import Topic
 from autonomy.endpoints import session_settings
+from autonomy.zenoh_session import zenoh_config
 
 log = logging.getLogger(__name__)
 
@@ -127,10 +127,10 @@ class Publisher:
     def _run(self) -> None:
         while not self._stopping:
             try:
-                with zenoh.open(_config(self._settings)) as session:
+                with zenoh.open(zenoh_config(self._settings)) as session:
                     self._set_status(error=None)
                     self._serve(session)
-            except zenoh.ZError as error:
+            except Exception as error:  # noqa: BLE001 -- nobody else would notice that this thread has ended
                 log.warning("zenoh: %s; trying again in %g s", error, _REOPEN_S)
                 self._set_status(error=str(error), connected=0, listened=False)
                 with self._changed:
@@ -210,9 +210,12 @@ class Publisher:
 
     def _look_around(self, session: zenoh.Session, publisher: zenoh.Publisher) -> None:
         connected = len(session.info.routers_zid()) + len(session.info.peers_zid())
-        if bool(connected) != bool(self._status.connected):
-            log.info("shore: %s", "connected" if connected else "not connected; dialling on")
-        self._set_status(connected=connected, listened=connected > 0 and _matched(publisher))
+        listened = connected > 0 and _matched(publisher)
+        if (bool(connected), listened) != (bool(self._status.connected), self._status.listened):
+            # A router whose access control refuses us does so silently: it looks like nobody listening.
+            audience = "somebody listens" if listened else "nobody listens yet"
+            log.info("shore: %s", f"connected, {audience}" if connected else "not connected; dialling on")
+        self._set_status(connected=connected, listened=listened)
 
     def _set_status(self, **changes: Any) -> None:
         with self._changed:
@@ -223,10 +226,3 @@ def _matched(publisher: zenoh.Publisher) -> bool:
     # The stubs of 1.10 call this a bool; it is an object, and always true.
     status: Any = publisher.matching_status
     return bool(status.matching)
-
-
-def _config(settings: dict[str, Any]) -> zenoh.Config:
-    config = zenoh.Config()
-    for path, value in settings.items():
-        config.insert_json5(path, json.dumps(value))
-    return config

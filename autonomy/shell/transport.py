@@ -15,6 +15,8 @@ from typing import Any
 
 import serial
 
+from autonomy.endpoints import parse_link
+
 Address = tuple[str, int]
 OnBytes = Callable[[bytes, Hashable], None]
 OnUp = Callable[[], None]
@@ -77,17 +79,17 @@ class Transport(ABC):
         Raises ValueError for an endpoint that can't be understood; an address that can't be had is reported
         to `on_down` and tried again.
         """
-        kind, _, address = endpoint.partition(":")
-        host, _, number = address.rpartition(":")
-        if kind not in _KINDS or not host or not number.isdigit():
-            wanted = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD"
-            raise ValueError(f"endpoint {endpoint!r}: must be {wanted}")
-        if kind != "serial" and not 0 < int(number) <= 65535:
-            raise ValueError(f"endpoint {endpoint!r}: the port must be 1 to 65535")
-        where = (host.strip("[]"), int(number))
-        transport = _KINDS[kind](endpoint, where, on_bytes, on_up, on_down, backoff or Backoff())
+        parsed = parse_link(endpoint)
+        where = (parsed.host, parsed.number)
+        transport = _KINDS[parsed.kind](endpoint, where, on_bytes, on_up, on_down, backoff or Backoff())
         transport._keeper = asyncio.get_running_loop().create_task(transport._keep_open())
         return transport
+
+    @property
+    def keeper(self) -> "asyncio.Task[None]":
+        """The task that keeps the link open; it ends only by `close`, or by a bug."""
+        assert self._keeper is not None
+        return self._keeper
 
     @property
     def is_up(self) -> bool:
@@ -128,7 +130,7 @@ class Transport(ABC):
                 self._on_up()
                 return True, await down
             return False, down.result()
-        except (OSError, TimeoutError) as error:
+        except (OSError, TimeoutError, UnicodeError) as error:
             return False, f"{self.endpoint}: {_describe(error)}"
         finally:
             self._down = None

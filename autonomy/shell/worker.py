@@ -68,6 +68,13 @@ class Worker:
         return self._current is not None or bool(self._waiting)
 
     @property
+    def keeper(self) -> "asyncio.Task[None]":
+        """The task that keeps a process there; it ends only by `close`, or by a bug. RuntimeError before `start`."""
+        if self._task is None:
+            raise RuntimeError("the worker isn't started")
+        return self._task
+
+    @property
     def pid(self) -> int | None:
         """The present process, None between two."""
         return None if self._process is None else self._process.pid
@@ -109,7 +116,14 @@ class Worker:
     async def _keep_alive(self) -> None:
         while True:
             await asyncio.sleep(self._pause_s)
-            await self._live_once()
+            try:
+                await self._live_once()
+            except OSError as error:
+                # No memory or no process left for the moment. Whoever waits hears of it and may ask again.
+                self._kill_reason = f"can't start: {last_line(error)}"
+                if self._current is None and self._waiting:
+                    self._current = self._waiting.popleft()
+                self._mourn(None)
 
     async def _live_once(self) -> None:
         """One process from its start to its end."""

@@ -1,6 +1,5 @@
 """Following vehicles: the latest of everything they publish, and the last model at once when joining."""
 
-import json
 import logging
 import queue
 import threading
@@ -9,13 +8,14 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
 import zenoh
 
 from autonomy import wire
 from autonomy.effects import Topic
 from autonomy.endpoints import session_settings
+from autonomy.zenoh_session import zenoh_config
 
 log = logging.getLogger(__name__)
 
@@ -135,7 +135,7 @@ class Subscriber:
         """Open the session: at once as a router, in the thread (which waits for a router) as a client."""
         if self._listen:
             try:
-                self._session = zenoh.open(_config(self._settings))
+                self._session = zenoh.open(zenoh_config(self._settings))
             except zenoh.ZError as error:
                 raise OSError(f"cannot listen at {', '.join(self._listen)}: {error}") from error
         self._thread.start()
@@ -206,7 +206,7 @@ class Subscriber:
         complained = False
         while not self._stopping.is_set():
             try:
-                return zenoh.open(_config(self._settings))
+                return zenoh.open(zenoh_config(self._settings))
             except zenoh.ZError as error:
                 if not complained:
                     log.info("no router yet (%s); dialling on", error)
@@ -312,10 +312,3 @@ class Subscriber:
 
 def _same(held: wire.ModelSnapshot | None, came: wire.ModelSnapshot) -> bool:
     return held is not None and (held.sequence, held.model_time_s) == (came.sequence, came.model_time_s)
-
-
-def _config(settings: dict[str, Any]) -> zenoh.Config:
-    config = zenoh.Config()
-    for path, value in settings.items():
-        config.insert_json5(path, json.dumps(value))
-    return config

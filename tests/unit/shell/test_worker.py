@@ -196,3 +196,26 @@ def test_no_orphan_when_the_daemon_is_killed():
         os.kill(pid, 0)
         parent.kill()
         assert parent.stderr.read() == ""
+
+
+def test_a_moment_without_processes_fails_one_job_and_passes(monkeypatch):
+    """The kernel may have no process to give (EAGAIN) or no memory; the next start succeeds."""
+    real, attempts = asyncio.create_subprocess_exec, []
+
+    async def scarce(*arguments, **settings):
+        attempts.append(1)
+        if len(attempts) == 1:
+            raise BlockingIOError(11, "Resource temporarily unavailable")
+        return await real(*arguments, **settings)
+
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", scarce)
+
+    async def scenario():
+        async with Desk() as desk:
+            job_id, kind, reason = await desk.ask(1, "add", 1)
+            assert (job_id, kind) == (1, "failed")
+            assert "can't start" in reason
+            assert await desk.ask(2, "add", 11) == (2, "finished", 111)
+            assert not desk.worker.keeper.done()
+
+    in_loop(scenario())
