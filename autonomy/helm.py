@@ -129,10 +129,10 @@ class Helm:
 
     def handle(self, now: float, message: Any) -> Heard:
         """Take in one message."""
-        before, reboots = self.state, self.telemetry.reboots
+        before, breaks = self.state, self.telemetry.clock_breaks
         observations = self.telemetry.handle(now, message)
-        if self.telemetry.reboots != reboots:
-            self.link_changed()
+        if self.telemetry.clock_breaks != breaks:
+            self.link_changed()  # also where no reboot is certain: it costs a download
         state = self.state
         if state is None:
             return Heard(observations, [], news=False)

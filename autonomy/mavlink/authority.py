@@ -101,7 +101,11 @@ class Authority:
     [a] Or if `adopt`, which takes a mission we don't know as permission to replace it.
 
     A reboot of the vehicle leads back to BEFORE_START: it comes up disarmed, in a mode nobody has chosen, perhaps
-    without its mission, and then no operator could select AUTO.
+    without its mission, and then no operator could select AUTO. A clock alone is a poor witness of that, and
+    BEFORE_START allows an upload: so the first heartbeat after the clock started again decides. If it is armed
+    (the clock was wrong, or the vehicle was armed again before we heard of it), nothing changes: whoever has the
+    boat keeps it, and AUTO gives it to us as ever. A vehicle that is armed from boot on (ARMING_REQUIRE 0) and
+    has lost its mission needs its operator, or a restart of the service.
 
     An upload is allowed
       BEFORE_START, not in AUTO: once, if the mission on board is empty or ours (or `adopt`); again only if an
@@ -115,6 +119,7 @@ class Authority:
         self._adopt = adopt
         self._waiting_on_board = False
         self._reboots = 0
+        self._decisive_heartbeat: int | None = None
         self.command = Command.BEFORE_START
         self.on_board = OnBoard.UNREAD
         self.reason = "waiting for the vehicle"
@@ -145,16 +150,24 @@ class Authority:
 
     def observe(self, state: VehicleState) -> None:
         """Follow the vehicle's mode, arming, status and reboots."""
-        if state.reboots != self._reboots:
-            self._reboots = state.reboots
-            self._waiting_on_board = False
-            self.command = Command.BEFORE_START
+        self._follow_reboots(state)
         situation = _situation(state)
         after = _NEXT[self.command, situation]
         if self.command is Command.BEFORE_START and after is Command.OURS and not self._may_take_over():
             after = Command.BEFORE_START
         self.command = after
         self.reason = self._explain(state, situation)
+
+    def _follow_reboots(self, state: VehicleState) -> None:
+        if state.reboots != self._reboots:
+            self._reboots = state.reboots
+            self._decisive_heartbeat = state.heartbeats + 1
+        if self._decisive_heartbeat is None or state.heartbeats < self._decisive_heartbeat:
+            return
+        self._decisive_heartbeat = None
+        if not state.armed:
+            self._waiting_on_board = False
+            self.command = Command.BEFORE_START
 
     def decide(self, state: VehicleState) -> Permission:
         """Whether a mission may be uploaded to the vehicle in this state."""

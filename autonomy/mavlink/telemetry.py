@@ -66,6 +66,8 @@ class VehicleState:
     """Share of the charge that is left, 0 to 1."""
     reboots: int = 0
     """How often the vehicle's clock started again."""
+    heartbeats: int = 0
+    """How many of them were heard; mode, arming and status are the last one's."""
 
     @property
     def position_ok(self) -> bool:
@@ -87,7 +89,8 @@ class Telemetry:
 
     The autopilot is the first component (of `vehicle_system_id`, if given) whose heartbeat names one.
     Readings are NAMED_VALUE_FLOAT messages called `sensor_name` from the same system; the autopilot's own are
-    timed by their stamp, those of another component, which has another boot clock, by their arrival.
+    timed by their stamp, those of another component, which has another boot clock, and those stamped zero, whose
+    sender has none, by their arrival.
     """
 
     def __init__(
@@ -133,6 +136,11 @@ class Telemetry:
     def reboots(self) -> int:
         """How often the vehicle's clock started again."""
         return self._clock.reboots
+
+    @property
+    def clock_breaks(self) -> int:
+        """How often the vehicle's clock did not go on where it was: reboots, and jumps that were none."""
+        return self._clock.breaks
 
     @property
     def utc_offset_s(self) -> float | None:
@@ -219,7 +227,12 @@ class Telemetry:
         self._heartbeats.append(now)
         gaps = [after - before for before, after in pairwise(self._heartbeats)]
         self._heartbeat_s = min(1.0, max(_FASTEST_HEARTBEAT_S, median(gaps))) if gaps else 1.0
-        self._update(mode=message.custom_mode, armed=_is_armed(message), system_status=message.system_status)
+        self._update(
+            mode=message.custom_mode,
+            armed=_is_armed(message),
+            system_status=message.system_status,
+            heartbeats=self.state.heartbeats + 1,
+        )
 
     def _is_our_vehicle(self, message: Any) -> bool:
         if message.autopilot == mavlink.MAV_AUTOPILOT_INVALID or message.type in _NOT_VEHICLES:
@@ -252,7 +265,7 @@ class Telemetry:
         if not math.isfinite(message.value):
             self.dropped["not a number"] += 1
             return []
-        if self._is_from_autopilot(message):
+        if self._is_from_autopilot(message) and message.time_boot_ms != 0:
             model_time_s = self._model_time(now, message.time_boot_ms)
         else:
             model_time_s = self._clock.estimate(now)

@@ -1,7 +1,10 @@
 """The operator has the last word: he takes the boat, gives it back, and brings missions of his own."""
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autonomy.events import MessageReceived
+from autonomy.mavlink.codec import Codec
 from sim.autopilot import Mode
 
 THEIRS = [(400.0, 400.0), (800.0, 500.0), (600.0, 2000.0)]
@@ -202,7 +205,25 @@ def test_disarmed_in_auto_and_armed_again(voyage):
     voyage.until("verified on board")
 
 
-def _ground_station_heartbeat():
-    from pymavlink.dialects.v20 import ardupilotmega as mavlink
+@pytest.mark.parametrize("late_s", [2.0, 30.0, 230.0])
+def test_late_packets_give_us_nothing_while_the_operator_has_the_boat(voyage, late_s):
+    voyage.advance(250.0)
+    voyage.select(Mode.HOLD)
+    voyage.advance(10.0)
+    taken, reboots = voyage.now, voyage.core._helm.telemetry.reboots
+    vehicle, own = Codec(voyage.autopilot.system_id, 1), Codec(voyage.autopilot.system_id, 191)
+    for step in range(8):
+        stamp = round(1000 * (voyage.autopilot.time_s - late_s)) + 100 * step
+        late = mavlink.MAVLink_global_position_int_message(
+            stamp, 335_000_000, -1_184_900_000, 0, 0, 0, 0, 0, 0
+        )
+        for message in own.decode(vehicle.encode(late)):
+            voyage.happened(MessageReceived(message))
+    voyage.advance(60.0)
+    assert voyage.core._helm.telemetry.reboots == reboots
+    assert voyage.traffic(since=taken) == []
+    assert voyage.health.state == "yielded"
 
+
+def _ground_station_heartbeat():
     return mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)

@@ -99,6 +99,7 @@ def test_after_a_reboot_the_boat_waits_for_its_operator_anew() -> None:
     rebooted = replace(MANUAL, armed=False, reboots=1)
     authority.mission_read(OnBoard.UNREAD)
     assert not authority.decide(rebooted).allowed
+    rebooted = replace(rebooted, heartbeats=1)
     authority.mission_read(OnBoard.EMPTY)
     assert authority.decide(rebooted).allowed, "without a mission no operator could select AUTO"
     assert not authority.survey_started, "readings on deck teach nothing"
@@ -106,6 +107,19 @@ def test_after_a_reboot_the_boat_waits_for_its_operator_anew() -> None:
     assert not authority.decide(rebooted).allowed
     assert authority.decide(replace(rebooted, mode=10, armed=True)).allowed
     assert authority.in_command
+
+
+def test_a_clock_that_starts_again_under_an_armed_boat_gives_us_nothing() -> None:
+    authority = started()
+    authority.mission_read(OnBoard.OURS)
+    held = replace(MANUAL, heartbeats=7)
+    assert not authority.decide(held).allowed
+    for heartbeats, armed in [(7, True), (7, False), (8, True), (9, True), (60, False)]:
+        state = replace(held, reboots=1, heartbeats=heartbeats, armed=armed)
+        assert not authority.decide(state).allowed, "only the first heartbeat since decides"
+        assert authority.command is Command.YIELDED
+    authority.mission_read(OnBoard.OURS)
+    assert authority.decide(replace(AUTO, reboots=1, heartbeats=61)).allowed
 
 
 def test_a_reboot_under_way_with_our_mission_on_board_changes_nothing_for_long() -> None:

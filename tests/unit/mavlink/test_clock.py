@@ -133,3 +133,84 @@ def test_time_between_messages_is_extrapolated_at_the_vehicles_pace() -> None:
     assert clock.estimate(0.0) is None
     feed(clock, 0.0, 0, 5.0, 10.0)
     assert clock.estimate(4.75 + 0.1) == pytest.approx(47.5 + 1.0, rel=0.01)
+
+
+@pytest.mark.parametrize("rate", [1.0, 20.0, 500.0])
+def test_late_packets_are_no_reboot_however_many(rate: float) -> None:
+    clock = ModelClock()
+    feed(clock, 0.0, 10_000_000, 10.0, rate)
+    newest_s, newest_ms = clock.model_time_s, 10_000_000 + int(39 * 250 * rate)
+    for step in range(12):
+        assert clock.observe(9.8, newest_ms - int(3000 * rate) + 10 * step) is None
+    assert (clock.reboots, clock.breaks, clock.model_time_s) == (0, 0, newest_s)
+    assert clock.observe(10.0, newest_ms + int(250 * rate)) == pytest.approx(newest_s + 0.25 * rate, abs=0.01)
+
+
+@pytest.mark.parametrize("rate", [1.0, 20.0, 500.0])
+@pytest.mark.parametrize("silence_s", [2.0, 60.0, 1200.0])
+def test_a_reboot_is_noticed_at_every_pace_and_after_every_silence(rate: float, silence_s: float) -> None:
+    clock = ModelClock()
+    feed(clock, 0.0, 2_000_000_000, 10.0, rate)
+    uptime_ms = int(1000 * rate * (silence_s - 1.0))
+    (first, *_) = feed(clock, 10.0 + silence_s, uptime_ms, 2.0, rate)
+    assert clock.reboots == clock.breaks == 1
+    assert first == pytest.approx(2_000_000 + (10.0 + silence_s) * rate, rel=0.01)
+
+
+def test_a_stamp_that_stands_still_is_no_clock() -> None:
+    clock = ModelClock()
+    feed(clock, 0.0, 100_000, 10.0)
+    for step in range(40):
+        assert clock.observe(10.0 + step / 4, 0) is None
+        assert clock.observe(10.0 + step / 4, 4_000_000_000) is None
+    assert clock.breaks == 0
+    assert clock.observe(20.0, 110_000) == pytest.approx(110.0)
+
+
+def test_one_wild_stamp_moves_nothing() -> None:
+    clock = ModelClock()
+    feed(clock, 0.0, 100_000, 10.0)
+    assert clock.observe(9.9, 4_000_000_000) is None
+    times = feed(clock, 10.0, 110_000, 10.0)
+    assert times[0] == pytest.approx(110.0)
+    assert clock.breaks == 0
+
+
+def test_a_clock_that_goes_on_far_ahead_is_followed_without_a_reboot() -> None:
+    clock = ModelClock()
+    utc_usec = 1_700_000_000_000_000
+    feed(clock, 0.0, 100_000, 10.0)
+    clock.observe_utc(9.9, 109_900, utc_usec)
+    times = feed(clock, 20.0, 7_300_000, 5.0)  # our machine slept for two hours, its clock with it
+    assert (clock.reboots, clock.breaks) == (0, 1)
+    assert times[0] == pytest.approx(120.5, abs=0.01)
+    clock.observe_utc(25.0, 7_305_000, utc_usec + 7_195_100_000)
+    assert clock.model_time_s == pytest.approx(7305.0)
+
+
+@pytest.mark.parametrize("wild_ms", [5_000_000, 130_000])
+def test_a_wrong_stamp_that_was_believed_is_found_out(wild_ms: int) -> None:
+    clock = ModelClock()
+    clock.observe(0.0, wild_ms)  # before the rate was known
+    times = feed(clock, 0.25, 100_000, 20.0)
+    assert clock.reboots == 0
+    assert clock.breaks == 1
+    assert times[0] == pytest.approx(wild_ms / 1000 + 5.0, abs=0.5)
+    assert np.all(np.diff(times) > 0)
+
+
+def test_simulations_that_change_their_pace_are_followed() -> None:
+    clock = ModelClock()
+    feed(clock, 0.0, 0, 10.0, 1.0)
+    feed(clock, 10.0, 10_000, 10.0, 500.0)
+    assert clock.rate == pytest.approx(500.0, rel=0.01)
+    assert clock.reboots == 0
+
+
+def test_a_wrap_and_a_reboot_during_a_long_loss_of_the_link() -> None:
+    day_ms, day_s = 86_400_000, 86_400.0
+    for lost_s, uptime_ms, reboots in [(5 * day_s, day_ms, 0), (3 * day_s, 3_600_000, 1)]:
+        clock = ModelClock()
+        feed(clock, 0.0, WRAP_MS - 4 * day_ms, 10.0)
+        feed(clock, lost_s, uptime_ms, 10.0)
+        assert clock.reboots == reboots

@@ -151,6 +151,19 @@ def test_a_probe_without_a_clock_is_heard_at_every_reading() -> None:
     assert len(telemetry.handle(1.0, boat.position(11.0))) == 4
 
 
+def test_a_zero_stamp_of_the_autopilots_own_says_nothing_about_its_clock() -> None:
+    telemetry, boat = ready()
+    observations: list[Observation] = []
+    for step in range(1, 41):
+        now = step * 0.25
+        for number in range(3):
+            observations += telemetry.handle(now, boat.reading(0.0, 33.0 + number))
+        observations += telemetry.handle(now, boat.position(100 + now))
+    assert telemetry.reboots == 0
+    assert len(observations) == 3 * 39
+    assert observations[-1].model_time_s == pytest.approx(110.0, abs=0.3)
+
+
 def test_readings_of_another_system_are_not_ours() -> None:
     telemetry, boat = ready()
     telemetry.handle(0.0, boat.position(10.0))
