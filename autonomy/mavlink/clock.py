@@ -12,6 +12,8 @@ _FORWARD_SLACK_S = 60.0
 _STALE_S = 5.0  # protocol time without a stamp that fits, after which the clock itself is doubted
 _FASTEST = 1000.0  # no simulation runs faster, in model seconds per second
 _YEAR_2001_USEC = 978_307_200_000_000  # a vehicle without GPS sends zero or its boot time
+_YEAR_2100_USEC = 4_102_444_800_000_000
+_LONGEST_ABSENCE_S = 30 * 86400.0
 
 
 class ClockRate:
@@ -101,8 +103,8 @@ class ModelClock:
                 when nothing that fits has come for five seconds: then it was the newest stamp that was wrong.
         AHEAD   further ahead than twice the silence and a minute (times the clock's rate).
 
-    Once believed, model time goes on from the newest one plus the protocol time that passed, and jumps forward
-    once SYSTEM_TIME tells how long it really was.
+    Once believed, model time goes on from the newest one plus the protocol time that passed, and jumps forward,
+    by at most 30 days, once SYSTEM_TIME tells how long it really was.
     """
 
     def __init__(self) -> None:
@@ -155,14 +157,15 @@ class ModelClock:
         return self._advance(now, time_boot_ms) if step_ms > 0 else time_boot_ms / 1000 + self._offset_s
 
     def observe_utc(self, now: float, time_boot_ms: int, time_unix_usec: int) -> None:
-        """Take in a SYSTEM_TIME message."""
+        """Take in a SYSTEM_TIME message; a date before 2001 or after 2100 is none."""
         model_time_s = self.observe(now, time_boot_ms)
-        if model_time_s is None or time_unix_usec < _YEAR_2001_USEC:
+        if model_time_s is None or not _YEAR_2001_USEC <= time_unix_usec < _YEAR_2100_USEC:
             return
         utc_s = time_unix_usec / 1e6
         if self._await_utc and self.utc_offset_s is not None:
             missing_s = utc_s - self.utc_offset_s - model_time_s
-            if missing_s > 0:
+            # A longer absence is rather a wrong date: it must not make all that was learnt look old.
+            if 0 < missing_s <= _LONGEST_ABSENCE_S:
                 self._offset_s += missing_s
                 self.epoch += 1
                 self._rate.interrupt()

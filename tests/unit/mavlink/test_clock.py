@@ -214,3 +214,22 @@ def test_a_wrap_and_a_reboot_during_a_long_loss_of_the_link() -> None:
         feed(clock, 0.0, WRAP_MS - 4 * day_ms, 10.0)
         feed(clock, lost_s, uptime_ms, 10.0)
         assert clock.reboots == reboots
+
+
+@pytest.mark.parametrize("wrong_usec", [2**64 - 1, 4_102_444_800_000_000, 978_307_199_999_999, 1])
+def test_a_date_of_another_century_is_none(wrong_usec: int) -> None:
+    clock = ModelClock()
+    feed(clock, 0.0, 100_000, 5.0)
+    clock.observe_utc(5.0, 105_000, wrong_usec)
+    assert clock.utc_offset_s is None
+
+
+def test_after_a_reboot_a_wrong_date_does_not_age_the_model() -> None:
+    clock = ModelClock()
+    utc_usec = 1_700_000_000_000_000
+    feed(clock, 0.0, 100_000, 5.0)
+    clock.observe_utc(5.0, 105_000, utc_usec)
+    feed(clock, 15.0, 2000, 5.0)
+    clock.observe_utc(20.0, 7000, utc_usec + 31 * 86_400_000_000)
+    assert clock.model_time_s == pytest.approx(120.0, abs=0.1)
+    assert clock.utc_offset_s == pytest.approx(utc_usec / 1e6 + 31 * 86400 - 120.0, abs=0.1)
