@@ -159,8 +159,136 @@ def test_readings_that_come_during_a_job_are_not_lost():
     for point, value in zip(x[400:], y[400:], strict=True):
         by_hand.update(point, value)
     learner.adopt(result)
+    caught_up(learner)
     np.testing.assert_allclose(learner.model().predict(x).mean, by_hand.predict(x).mean, atol=1e-12)
     assert learner.samples == 500
+
+
+class Counted(SparseOnlineGP):
+    """Keeps what it was taught, in order."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.taught = []
+
+    def update(self, x, y, noise_variance=None):
+        self.taught.append(y)
+        return super().update(x, y, noise_variance)
+
+
+def caught_up(learner):
+    """How many slices it took."""
+    slices = 0
+    while learner.behind:
+        slices += 1
+        assert learner.catch_up() == (learner.behind > 0)
+    return slices
+
+
+def late_by(n, capacity=300):
+    """A learner to which an answer has come after `n` more readings, those readings, and what it learns."""
+    _, x, y = survey(5, 100 + n)
+    learner = taught(Learner(SPAN, capacity=capacity), x[:100], y[:100])
+    result = reestimate(learner.reestimate_request(0, OPTIONS))
+    taught(learner, x[100:], y[100:], start=100)
+    gp = Counted(result.hyperparameters, capacity, 1e-3, 1e-8, result.prior_mean)
+    gp.start_basis(result.gp.basis, result.gp.basis_readings, result.gp.basis_counts)
+    learner.adopt(replace(result, gp=gp))
+    return learner, x[100:], y[100:], gp
+
+
+def test_a_late_answer_does_not_make_one_call_learn_all_that_came_meanwhile():
+    learner, _, y, gp = late_by(600)
+    assert learner.behind == 600
+    assert gp.taught == []
+    assert learner.fresh_count == 0
+    np.testing.assert_array_equal(learner.model().basis, gp.basis)
+    learner.catch_up()
+    assert 1 <= len(gp.taught) == 600 - learner.behind <= 10
+    caught_up(learner)
+    assert gp.taught == y.tolist()
+    assert learner.behind == 0
+    assert not learner.catch_up()
+
+
+@pytest.mark.parametrize("capacity", [2, 30, 100, 300, 1000])
+def test_a_slice_is_shorter_the_larger_the_model(capacity):
+    learner = Learner(SPAN, capacity=capacity, centring_samples=1000)
+    for i in range(1000):
+        learner.add((0.0, float(i)), 33.5, float(i))
+    learnt = 1000 - learner.behind
+    assert learner.born
+    assert learnt >= 1
+    # Each costs a few passes over a matrix of capacity², or the fixed price of some calls.
+    assert learnt * max(capacity**2, 4000) <= 1e6
+
+
+def test_readings_that_come_while_others_wait_keep_their_place_in_time():
+    learner, _, y, gp = late_by(50)
+    _, more_x, more_y = survey(13, 100)
+    outcomes = [learner.add(p, v, 150.0 + i) for i, (p, v) in enumerate(zip(more_x, more_y, strict=True))]
+    # Two of those that wait are learnt with each reading: it catches up even if nobody asks for it.
+    assert [outcome is None for outcome in outcomes] == [True] * 49 + [False] * 51
+    assert gp.taught == [*y, *more_y]
+    assert learner.behind == 0
+    assert learner.samples == 250
+
+
+def test_how_it_catches_up_makes_no_difference():
+    learner, *_ = late_by(120, capacity=30)
+    other = pickle.loads(pickle.dumps(learner))
+    caught_up(learner)
+    _, x, y = survey(14, 200)
+    taught(other, x, y, start=300)
+    taught(learner, x, y, start=300)
+    assert other.behind == learner.behind == 0
+    np.testing.assert_array_equal(learner.model().predict(x).mean, other.model().predict(x).mean)
+
+
+@pytest.mark.parametrize("timescale_s", [math.inf, 100.0])
+def test_a_request_made_while_readings_wait_covers_them(timescale_s):
+    """Its answer holds all of them, at the time of the last: none is learnt twice, none is lost."""
+    h = replace(TRUE, timescale_s=timescale_s)
+    _, x, y = survey(15, 400)
+    prompt, late = (Learner(SPAN, hyperparameters=h) for _ in range(2))
+    for learner in (prompt, late):
+        taught(learner, x[:100], y[:100])
+        result = reestimate(learner.reestimate_request(0, OPTIONS))
+        taught(learner, x[100:300], y[100:300], start=100)
+        learner.adopt(result)
+    caught_up(prompt)
+    results = [reestimate(learner.reestimate_request(1, OPTIONS)) for learner in (prompt, late)]
+    assert late.behind == 200
+    for learner, result in zip((prompt, late), results, strict=True):
+        taught(learner, x[300:], y[300:], start=300)
+        learner.adopt(result)
+        assert learner.behind == 100
+        caught_up(learner)
+    one, two = (learner.model().predict(grid()) for learner in (prompt, late))
+    np.testing.assert_array_equal(one.mean, two.mean)
+    np.testing.assert_array_equal(one.variance, two.variance)
+
+
+def test_a_withdrawn_request_leaves_those_that_wait():
+    learner, _, y, gp = late_by(50)
+    learner.reestimate_request(1, OPTIONS)
+    learner.withdraw_request()
+    caught_up(learner)
+    assert gp.taught == y.tolist()
+
+
+def test_birth_from_many_readings_is_spread_over_slices():
+    _, x, y = survey(16, 520)
+    learner = Learner(SPAN, capacity=300, centring_samples=500)
+    taught(learner, x[:500], y[:500])
+    assert learner.born
+    assert learner.behind >= 480
+    taught(learner, x[500:], y[500:], start=500)
+    caught_up(learner)
+    by_hand = SparseOnlineGP(learner.gp.hyperparameters, 300, prior_mean=float(y[:500].mean()))
+    for point, value in zip(x, y, strict=True):
+        by_hand.update(point, value)
+    np.testing.assert_allclose(learner.model().predict(x).mean, by_hand.predict(x).mean, atol=1e-12)
 
 
 def test_a_re_estimate_is_a_function_of_its_request():
