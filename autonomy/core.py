@@ -232,7 +232,7 @@ class Core:
     def _step(self, now: float) -> None:
         self._send(self._helm.step(now))
         for note in self._helm.dispatch.take_notes():
-            self._reporter.log(Level.INFO, note)
+            self._reporter.log(Level.WARNING if note.is_warning else Level.INFO, note.text)
         self._look(now)
         self._watch_leg(now)
         decision = self._decide(now)

@@ -4,6 +4,7 @@ New plans arriving faster than uploads finish is the classic failure of a lossy 
 let end. What is on board is read before it is replaced, and again whenever it may have changed.
 """
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +24,14 @@ from autonomy.mavlink.telemetry import VehicleState
 from autonomy.planning.plan import Plan
 
 RETRY_S = 2.0
-"""Pause after a failed transfer; the link that failed it needs a moment."""
+"""Pause after a failed transfer; the link that failed it needs a moment. Doubled with every further failure."""
+
+LONGEST_RETRY_S = 60.0
+
+FAILURES = 5
+"""So many failed transfers of one plan in a row, and it is dropped."""
+
+_REMEMBERED_INTERRUPTED = 8
 
 Mission = tuple[MissionItem, ...]
 
@@ -36,6 +44,14 @@ class Dispatched:
     items: Mission
 
 
+@dataclass(frozen=True)
+class Note:
+    """A line for the log."""
+
+    text: str
+    is_warning: bool = False
+
+
 class MissionDispatch:
     """The one owner of mission traffic with the vehicle; tells `authority` what is on board.
 
@@ -44,7 +60,10 @@ class MissionDispatch:
         nothing at all   while the operator or a failsafe has the boat: he may change the mission, so what we
                          knew of it is forgotten, and what we were doing is ended
         a download       when the mission on board is unread, and once more before a waiting plan replaces it
-        a transfer       of the waiting plan, if it is allowed
+        a transfer       of the waiting plan, if it is allowed; only its last step, if the plan is on board already
+
+    After a failed transfer the plan waits again, for a pause that doubles from 2 s to 60 s. It is dropped when the
+    vehicle refuses it, or after five failures in a row; `take_refusal` tells once.
     """
 
     def __init__(self, authority: Authority) -> None:
@@ -58,10 +77,13 @@ class MissionDispatch:
         self._sending: Dispatched | None = None
         self._machine: MissionTransfer | MissionDownload | None = None
         self._on_board: Mission | None = None
-        self._interrupted: list[Mission] = []
+        self._interrupted: deque[Mission] = deque(maxlen=_REMEMBERED_INTERRUPTED)
         self._not_before = 0.0
         self._stepped = 0.0
-        self._notes: list[str] = []
+        self._failures = 0
+        self._unread_failures = 0
+        self._refusal: str | None = None
+        self._notes: list[Note] = []
 
     @property
     def busy(self) -> bool:
@@ -92,9 +114,11 @@ class MissionDispatch:
     def offer(self, dispatched: Dispatched) -> None:
         """Make this the plan to bring on board next; an older waiting one is dropped."""
         self._waiting, self._looked = dispatched, False
+        self._failures = 0
 
     def forget(self) -> None:
         """The link was gone: what is on board must be read again; a transfer under way is void and starts anew."""
+        self._not_before, self._unread_failures = 0.0, 0
         self._waiting = self._waiting or self._sending
         self._void()
 
@@ -106,13 +130,18 @@ class MissionDispatch:
         total = 0 if empty else vehicle.mission_total
         # Some autopilots count home, which is item 0.
         if total is not None and total not in (len(self._on_board), len(self._on_board) + 1):
-            self._notes.append("the mission on board has changed: reading it")
+            self._note("the mission on board has changed: reading it")
             self._void()
 
-    def take_notes(self) -> list[str]:
+    def take_notes(self) -> list[Note]:
         """What happened since the last call, for the log."""
         notes, self._notes = self._notes, []
         return notes
+
+    def take_refusal(self) -> str | None:
+        """Why a plan was given up since the last call; None if none was. The next one may fare no better."""
+        refusal, self._refusal = self._refusal, None
+        return refusal
 
     def next_deadline(self) -> float | None:
         """When `step` must be called at the latest; None when only an event can bring us further."""
@@ -150,18 +179,21 @@ class MissionDispatch:
             # What we would overwrite may be what the operator has just sent: look first.
             sent += self._machine.cancel()
             self.forget()
-            self._pause(now, "somebody else is uploading a mission: ours waits")
+            self._note("somebody else is uploading a mission: ours waits")
+            self._count_failure(now, "somebody else keeps uploading a mission")
         self._conclude(now)
         return sent
 
     def _upload(self, now: float, vehicle: VehicleState, route: Route, time_scale: float) -> list[Any]:
         assert self._waiting is not None
         self._sending, self._waiting = self._waiting, None
+        on_board = self._on_board is not None and missions_equal(self._sending.items, self._on_board)
         self._machine = MissionTransfer(
             self._sending.items,
             route,
             autopilot=vehicle.autopilot,
             make_current=self._authority.in_command,
+            on_board=on_board,
             mission_state=vehicle.mission_state,
             time_scale=time_scale,
         )
@@ -182,7 +214,9 @@ class MissionDispatch:
 
     def _remember_interrupted(self, items: Mission) -> None:
         """A transfer that ended half-way leaves items of it among those that were on board before."""
-        self._interrupted += [self._on_board or (), items]
+        for mission in (self._on_board or (), items):
+            if mission not in self._interrupted:
+                self._interrupted.append(mission)
 
     def _conclude(self, now: float) -> None:
         """Draw the conclusions when the running machine has come to its end."""
@@ -193,12 +227,15 @@ class MissionDispatch:
                 self._classify(machine.mission or ())
             elif machine.state is Download.FAILED:
                 self._machine = None
-                self._pause(now, f"the mission on board could not be read: {machine.reason}")
+                self._note(f"the mission on board could not be read: {machine.reason}", is_warning=True)
+                self._unread_failures += 1
+                self._pause(now, self._unread_failures)
         elif machine is not None and machine.outcome is not None:
             assert self._sending is not None
             if isinstance(machine.outcome, Failed):
                 self._failed(now, self._sending, machine.outcome)
             else:
+                self._failures = 0
                 self._verified(self._sending)
             self._machine, self._sending = None, None
 
@@ -207,25 +244,43 @@ class MissionDispatch:
         self._on_board = sent.items
         self._interrupted.clear()
         self._authority.upload_verified()
-        self._notes.append(f"mission of {len(sent.items)} waypoints verified on board")
+        self._note(f"mission of {len(sent.items)} waypoints verified on board")
 
     def _failed(self, now: float, sent: Dispatched, failure: Failed) -> None:
-        self._pause(now, f"mission transfer failed: {failure.reason}")
+        self._note(f"mission transfer failed: {failure.reason}", is_warning=True)
         if failure.on_board is not None:
             self._verified(sent)
         elif failure.on_board_unknown:
             self._remember_interrupted(sent.items)
             self._on_board = None
             self._authority.upload_failed(on_board_unknown=True)
-        # Whatever of it is on board: it is not being sailed, so it is sent again, unless a newer one waits.
-        self.offer(self._waiting or sent)
+        if self._waiting is not None:  # a newer plan, which starts anew
+            self._looked = False
+            self._pause(now, 1)
+            return
+        # Whatever of it is on board: it is not being sailed, so it is sent again.
+        self._waiting, self._looked = sent, False
+        self._count_failure(now, failure.reason, permanent=failure.permanent)
 
-    def _pause(self, now: float, note: str) -> None:
-        self._not_before = now + RETRY_S
-        self._notes.append(note)
+    def _count_failure(self, now: float, reason: str, *, permanent: bool = False) -> None:
+        """The waiting plan did not come on board: try again after a pause, or give it up."""
+        self._failures += 1
+        self._pause(now, self._failures)
+        if not permanent and self._failures < FAILURES:
+            return
+        self._refusal = reason if permanent else f"{reason} ({self._failures} failures in a row)"
+        self._note(f"the plan is given up: {self._refusal}", is_warning=True)
+        self._waiting, self._failures = None, 0
+
+    def _pause(self, now: float, failures: int) -> None:
+        self._not_before = now + min(LONGEST_RETRY_S, RETRY_S * 2 ** (failures - 1))
+
+    def _note(self, text: str, *, is_warning: bool = False) -> None:
+        self._notes.append(Note(text, is_warning))
 
     def _classify(self, items: Mission) -> None:
         waiting = self._waiting
+        self._unread_failures = 0
         if waiting is not None and missions_equal(waiting.items, items) and not self._authority.in_command:
             # Its upload had been complete when the link went; under way it still has to be made current.
             self._waiting = None
@@ -238,7 +293,7 @@ class MissionDispatch:
         if on_board is OnBoard.FOREIGN and changed:
             self._waiting = None  # it was not made to replace this one
         if changed:
-            self._notes.append(f"{len(items)} waypoints on board: {on_board.value}")
+            self._note(f"{len(items)} waypoints on board: {on_board.value}")
 
     def _judge(self, items: Mission) -> OnBoard:
         if not items:

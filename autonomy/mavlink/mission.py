@@ -47,12 +47,14 @@ class Failed:
 
     With `on_board_unknown` the vehicle may hold the old mission, the new one or a mixture of both: read it
     back and send again. Without it the mission on board is still the old one, or, if `on_board` is given,
-    verified to be the new one, only not yet being sailed.
+    verified to be the new one, only not yet being sailed. With `permanent` the vehicle has refused it, and would
+    again.
     """
 
     reason: str
     on_board_unknown: bool
     on_board: tuple[MissionItem, ...] | None = None
+    permanent: bool = False
 
 
 class Phase(Enum):
@@ -78,6 +80,8 @@ class MissionTransfer:
 
     [a] MAKING_CURRENT if `make_current` (the vehicle is in AUTO and armed), else ENDED: Verified.
 
+    With `on_board`, for a mission that has just been read back equal, it begins at [a].
+
     An upload isn't atomic: once the vehicle may have heard of it, a failure leaves the mission on board
     unknown. Requests are answered in every phase, since doubled or late packets may make the vehicle ask
     again when we believe to be past that, and the answer is always the same items. After `limit_s` of
@@ -95,6 +99,7 @@ class MissionTransfer:
         *,
         autopilot: int = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
         make_current: bool = False,
+        on_board: bool = False,
         mission_state: int = mavlink.MISSION_STATE_UNKNOWN,
         time_scale: float = 1.0,
         limit_s: float = 60.0,
@@ -105,6 +110,7 @@ class MissionTransfer:
         self._route = route
         self._autopilot = autopilot
         self._make_current = make_current
+        self._on_board = on_board
         self._mission_state = mission_state
         self._time_scale = time_scale
         self._limit_s = limit_s
@@ -128,7 +134,7 @@ class MissionTransfer:
     def start(self, now: float) -> list[Any]:
         """Begin; returns what to send."""
         self._ends_at = now + self._limit_s
-        return self._upload_again(now)
+        return self._after_read_back(now) if self._on_board else self._upload_again(now)
 
     def handle(self, now: float, message: Any) -> list[Any]:
         """React to one message of the vehicle; returns what to send."""
@@ -185,11 +191,13 @@ class MissionTransfer:
             return self._after_download(now, machine)
         if machine.state is MakingCurrent.DONE:
             return self._succeed()
-        return self._fail(machine.reason) if machine.state is MakingCurrent.FAILED else []
+        if machine.state is MakingCurrent.FAILED:
+            return self._fail(machine.reason, permanent=machine.refused)
+        return []
 
     def _after_upload(self, now: float, upload: MissionUpload) -> list[Any]:
         if upload.state is Upload.FAILED:
-            return self._fail(upload.reason)
+            return self._fail(upload.reason, permanent=upload.refused)
         if upload.state is not Upload.SENT:
             return []
         self._machine = MissionDownload(self._route, autopilot=self._autopilot, time_scale=self._time_scale)
@@ -203,6 +211,9 @@ class MissionTransfer:
             return []
         if not missions_equal(self.items, download.mission):
             return self._upload_again(now)
+        return self._after_read_back(now)
+
+    def _after_read_back(self, now: float) -> list[Any]:
         if not self._make_current:
             return self._succeed()
         self._machine = MakeCurrent(
@@ -219,9 +230,11 @@ class MissionTransfer:
         self.outcome = Verified(self.items)
         return []
 
-    def _fail(self, reason: str) -> list[Any]:
+    def _fail(self, reason: str, *, permanent: bool = False) -> list[Any]:
         verified = self.phase is Phase.MAKING_CURRENT
         touched = self._touched or self._upload.touched
-        self.outcome = Failed(reason, touched and not verified, self.items if verified else None)
+        self.outcome = Failed(
+            reason, touched and not verified, self.items if verified else None, permanent=permanent
+        )
         self.phase = Phase.ENDED
         return []

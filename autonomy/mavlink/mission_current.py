@@ -51,6 +51,8 @@ class MakeCurrent:
         self._last_heard = "nothing"
         self.state = MakingCurrent.IDLE
         self.reason = ""
+        self.refused = False
+        """Whether the vehicle will not do it, now or later."""
 
     def next_deadline(self) -> float | None:
         """Protocol time at which `on_deadline` wants to be called."""
@@ -96,6 +98,7 @@ class MakeCurrent:
             self._wait(now)
             return [self._set_message()]
         elif result == mavlink.MAV_RESULT_DENIED:
+            self.refused = True
             return self._fail("the vehicle refuses to set the current mission item")
         return []  # temporarily rejected, failed, in progress: the timer asks again
 

@@ -87,6 +87,8 @@ class MissionUpload:
         self._deadline: float | None = None
         self.state = Upload.IDLE
         self.reason = ""
+        self.refused = False
+        """Whether the vehicle will not have this mission, now or later."""
         self._requested = False
         self.contested = False
         """Whether somebody else was found uploading."""
@@ -173,6 +175,7 @@ class MissionUpload:
         if result in (mavlink.MAV_MISSION_DENIED, mavlink.MAV_MISSION_ERROR):
             return self._back_off(now, result)
         self.touched = self._requested
+        self.refused = True
         return self._fail("the vehicle refuses the mission: " + _REASONS.get(result, f"result {result}"))
 
     def _back_off(self, now: float, result: int) -> list[Any]:

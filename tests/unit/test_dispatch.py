@@ -70,7 +70,7 @@ class Bench:
         self.send(self.dispatch.step(self.now, self.state, ROUTE, 1.0))
         deadline = self.dispatch.next_deadline()
         assert deadline is None or deadline > self.now, "a deadline in the past would make a service spin"
-        self.notes += self.dispatch.take_notes()
+        self.notes += [note.text for note in self.dispatch.take_notes()]
 
     def advance(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
         end = self.now + duration_s
@@ -103,6 +103,26 @@ class Bench:
             self.autopilot.store.write(
                 seq, MissionItem(item.frame, item.command, (0.0,) * 4, item.x, item.y, 0.0)
             )
+
+    def answer(self, message: Any) -> None:
+        """The vehicle says something of its own, in answer to the message that is being sent."""
+        for heard in self.codec.decode(Codec(1, 1).encode(message), "vehicle"):
+            self.send(self.dispatch.handle(self.now, heard))
+
+    def refuse(self, result: int) -> None:
+        """The vehicle answers every announcement of a mission with this result."""
+
+        def passes(message: Any) -> bool:
+            if message.get_type() != "MISSION_COUNT":
+                return True
+            self.answer(mavlink.MAVLink_mission_ack_message(1, 191, result, 0))
+            return False
+
+        self.passes = passes
+
+    def said(self, kind: str, since: float = 0.0) -> list[float]:
+        """When a kind of message was sent."""
+        return [time for time, each in self.sent if each.get_type() == kind and time > since]
 
     def stall_after(self, items: int) -> None:
         left = iter(range(items))
@@ -256,7 +276,7 @@ def test_an_upload_of_somebody_else_between_look_and_upload_goes_first(bench):
     bench.passes = race
     bench.dispatch.offer(dispatched("second"))
     bench.advance(1.5)
-    bench.notes += bench.dispatch.take_notes()
+    bench.notes += [note.text for note in bench.dispatch.take_notes()]
     assert "somebody else is uploading a mission: ours waits" in bench.notes
     for seq, item in enumerate((theirs.items[0], *theirs.items)):
         bench.operator(item.to_message(ROUTE, seq))
@@ -307,6 +327,119 @@ def test_a_mission_that_is_verified_but_not_sailed_is_sent_again(bench):
     assert bench.advance(30.0, until=lambda: not bench.dispatch.busy)
     assert bench.dispatch.reached == 0
     assert bench.autopilot.navigator.current == 1
+
+
+@pytest.mark.parametrize("result", [2, 3, 4, 5, 7, 11])
+def test_a_plan_that_is_refused_is_given_up_and_said_once(bench, result):
+    first = dispatched("first")
+    bench.start(first)
+    bench.refuse(result)
+    began = bench.now
+    bench.dispatch.offer(dispatched("second"))
+    bench.advance(120.0)
+    assert len(bench.said("MISSION_COUNT", since=began)) == 1
+    assert not bench.dispatch.busy
+    assert bench.authority.on_board is OnBoard.OURS
+    assert bench.dispatch.active is first
+    assert "the vehicle refuses the mission" in bench.dispatch.take_refusal()
+    assert bench.dispatch.take_refusal() is None
+    bench.unstall()
+    third = dispatched("third")
+    bench.dispatch.offer(third)
+    assert bench.advance(10.0, until=lambda: bench.dispatch.active is third)
+
+
+def test_a_plan_that_may_not_be_made_current_is_given_up_too(bench):
+    bench.start(dispatched("first"))
+    second = dispatched("second")
+
+    def passes(message):
+        if message.get_type() != "COMMAND_LONG":
+            return True
+        bench.answer(mavlink.MAVLink_command_ack_message(message.command, 2, 0, 0, 1, 191))
+        return False
+
+    bench.passes = passes
+    bench.dispatch.offer(second)
+    bench.advance(120.0)
+    assert bench.counts() == 2
+    assert len(bench.said("COMMAND_LONG")) == 1
+    assert bench.dispatch.active is second
+    assert not bench.dispatch.busy
+    assert "refuses to set the current mission item" in bench.dispatch.take_refusal()
+
+
+def test_the_pause_doubles_and_the_fifth_failure_in_a_row_is_the_last(bench):
+    bench.start(dispatched("first"))
+    failed = []
+    bench.passes = lambda message: message.get_type() != "MISSION_COUNT"
+    began = bench.now
+    bench.dispatch.offer(dispatched("second"))
+    known = len(bench.notes)
+
+    def has_failed():
+        return sum("transfer failed" in note for note in bench.notes[known:]) > len(failed)
+
+    while bench.advance(100.0, until=has_failed):
+        failed.append(bench.now)
+    assert len(failed) == 5
+    looks = bench.said("MISSION_REQUEST_LIST", since=began)
+    pauses = [min(look for look in looks if look > time - 0.5) - time for time in failed[:-1]]
+    assert pauses == pytest.approx([2.0, 4.0, 8.0, 16.0], abs=0.6)
+    assert not bench.dispatch.busy
+    assert "(5 failures in a row)" in bench.dispatch.take_refusal()
+
+
+def test_a_success_makes_the_pauses_short_again(bench):
+    bench.start(dispatched("first"))
+    for name in ("second", "third"):
+        bench.passes = lambda message: message.get_type() != "MISSION_COUNT"
+        bench.dispatch.offer(dispatched(name))
+        known = len(bench.notes)
+        assert bench.advance(
+            60.0, until=lambda known=known: "transfer failed" in "".join(bench.notes[known:])
+        )
+        bench.unstall()
+        assert bench.advance(4.0, until=lambda: not bench.dispatch.busy)
+
+
+def test_what_is_on_board_is_not_uploaded_again_to_be_made_current(bench):
+    bench.start(dispatched("first"))
+    second = dispatched("second")
+    bench.passes = lambda message: message.get_type() != "COMMAND_LONG"
+    bench.dispatch.offer(second)
+    assert bench.advance(120.0, until=lambda: any("transfer failed" in note for note in bench.notes))
+    bench.unstall()
+    assert bench.advance(30.0, until=lambda: not bench.dispatch.busy)
+    assert bench.dispatch.active is second
+    assert bench.counts() == 2  # the first and the second, once each
+    assert bench.autopilot.navigator.current == 1
+
+
+def test_what_was_interrupted_is_remembered_without_bounds_nowhere(bench):
+    bench.start(dispatched("first"))
+    second = dispatched("second")
+    for _ in range(30):
+        bench.dispatch._remember_interrupted(second.items)
+    assert len(bench.dispatch._interrupted) == 2
+    for k in range(30):
+        bench.dispatch._remember_interrupted(dispatched("x" * k).items)
+    assert len(bench.dispatch._interrupted) <= 8
+
+
+def test_failures_are_warnings_and_successes_none(bench):
+    bench.advance(1.0)
+    bench.refuse(4)
+    bench.dispatch.offer(dispatched("first"))
+    bench.authority.observe(bench.state)
+    for _ in range(20):
+        bench.send(bench.dispatch.step(bench.now, bench.state, ROUTE, 1.0))
+        bench.now += 0.25
+    warnings = {note.text: note.is_warning for note in bench.dispatch.take_notes()}
+    assert [text for text, is_warning in warnings.items() if is_warning] == [
+        "mission transfer failed: the vehicle refuses the mission: no space for so many items",
+        "the plan is given up: the vehicle refuses the mission: no space for so many items",
+    ]
 
 
 def test_a_vehicle_that_does_not_answer_is_asked_again_after_a_pause(bench):
