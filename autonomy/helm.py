@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.config import Configuration
 from autonomy.dispatch import Dispatched, MissionDispatch
@@ -15,11 +14,9 @@ from autonomy.mavlink.companion import StreamRequests, heartbeat, status_text, w
 from autonomy.mavlink.mission import Route, time_scale, waypoint
 from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
 from autonomy.planning.plan import Plan
+from autonomy.progress import Progress
 
 HEARTBEAT_S = 1.0
-
-COMPLETE_WITNESSES = 2
-"""So many MISSION_CURRENT in a row must say so: a single one may be a straggler of the mission before."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,7 @@ class Helm:
         self._streams: StreamRequests | None = None
         self._heartbeat_due = 0.0
         self._conversing = False
-        self._complete_in_a_row = 0
+        self._progress = Progress()
 
     @property
     def state(self) -> VehicleState | None:
@@ -88,7 +85,7 @@ class Helm:
         active = self.dispatch.active
         if self.state is None or active is None or not self.sailing_ours or self.dispatch.busy:
             return False
-        return self._complete_in_a_row >= COMPLETE_WITNESSES or self.dispatch.reached >= len(active.items)
+        return self._progress.is_complete or self.dispatch.reached >= len(active.items)
 
     def remaining_route_m(self) -> FloatArray:
         """From the vessel along the mission it sails, shape (k, 2); the vessel alone when it sails none of ours.
@@ -138,9 +135,9 @@ class Helm:
             return Heard(observations, [], news=False)
         if state is not before:
             self._follow(message, state)
-        # A number beyond the present item belongs to the mission that was on board before.
-        reached = [seq for seq in self.telemetry.take_reached() if seq <= (state.mission_current or 0)]
-        self.dispatch.reached = max([self.dispatch.reached, *reached])
+        reached = self.telemetry.take_reached()
+        if reached or (message.get_type() == "MISSION_CURRENT" and state is not before):
+            self._count_reached(message, state, reached)
         replies = [] if self._streams is None else self._streams.handle(now, message)
         talking = self.dispatch.talking
         replies += self.dispatch.handle(now, message)
@@ -187,6 +184,12 @@ class Helm:
                 self.distance_m += math.hypot(*np.subtract(point, self._position_m))
             self._position_m = point
         elif kind == "MISSION_CURRENT":
-            is_complete = state.mission_state == mavlink.MISSION_STATE_COMPLETE
-            self._complete_in_a_row = self._complete_in_a_row + 1 if is_complete else 0
             self.dispatch.compare(state)
+
+    def _count_reached(self, message: Any, state: VehicleState, numbers: list[int]) -> None:
+        self._progress.begin(self.dispatch.active)
+        current = state.mission_current or 0
+        certain = [self._progress.reached(seq, current) for seq in numbers]
+        if message.get_type() == "MISSION_CURRENT":
+            certain.append(self._progress.told(current, state.mission_state))
+        self.dispatch.reached = max([self.dispatch.reached, *certain])

@@ -167,6 +167,33 @@ def test_the_path_is_finished_with_its_last_waypoint(boat):
     assert boat.helm.path_finished
 
 
+@pytest.mark.parametrize("state", [mavlink.MISSION_STATE_UNKNOWN, mavlink.MISSION_STATE_ACTIVE])
+def test_the_last_waypoint_counts_though_the_message_before_it_was_lost(boat, state):
+    boat.sails()
+    boat.tells_current(2, state)
+    boat.reaches(2)
+    boat.reaches(3)  # MISSION_CURRENT 3 was lost
+    assert not boat.helm.path_finished
+    boat.tells_current(2, state)  # overtaken on the way
+    boat.tells_current(3, state)
+    assert not boat.helm.path_finished
+    boat.tells_current(3, state)
+    assert boat.helm.path_finished
+
+
+def test_a_number_of_the_last_mission_is_not_kept_for_the_next(boat):
+    boat.sails()
+    boat.reaches(3)
+    for seq in (1, 1, 2, 3, 3):
+        boat.tells_current(seq)
+    assert not boat.helm.path_finished
+    boat.reaches(4)
+    boat.helm.dispatch._verified(Dispatched(boat.helm.dispatch.active.plan, boat.helm.dispatch.active.items))
+    boat.tells_current(4)
+    boat.tells_current(4)
+    assert not boat.helm.path_finished
+
+
 def test_stragglers_of_the_last_mission_finish_nothing(boat):
     boat.sails()
     boat.reaches(3)
