@@ -1,6 +1,5 @@
 """The vehicle as the core sees it: where it is, who commands it, which mission it sails, and how to send it another."""
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +14,7 @@ from autonomy.mavlink.mission import Route, time_scale, waypoint
 from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
 from autonomy.planning.plan import Plan
 from autonomy.progress import Progress
+from autonomy.track import Track
 
 HEARTBEAT_S = 1.0
 
@@ -47,8 +47,7 @@ class Helm:
         )
         self.authority = Authority(adopt=configuration.mavlink.adopt)
         self.dispatch = MissionDispatch(self.authority)
-        self.distance_m = 0.0
-        self._position_m: FloatArray | None = None
+        self._track = Track()
         self._streams: StreamRequests | None = None
         self._heartbeat_due = 0.0
         self._conversing = False
@@ -70,8 +69,13 @@ class Helm:
 
     @property
     def position_m(self) -> FloatArray | None:
-        """Where the vessel is, shape (2,), local metres."""
-        return self._position_m
+        """Where the vessel was when it was last sure of it, shape (2,), local metres."""
+        return self._track.position_m
+
+    @property
+    def distance_m(self) -> float:
+        """How far the vessel has sailed."""
+        return self._track.distance_m
 
     @property
     def sailing_ours(self) -> bool:
@@ -93,9 +97,9 @@ class Helm:
         Raises:
             RuntimeError: the vessel's position is not known yet.
         """
-        if self._position_m is None:
+        if self.position_m is None:
             raise RuntimeError("the vessel's position is not known yet")
-        here = self._position_m.reshape(1, 2)
+        here = self.position_m.reshape(1, 2)
         if self.state is None or self.dispatch.active is None or not self.sailing_ours:
             return here
         # Item 0 is home, so waypoint k of the mission is row k - 1 of the route.
@@ -178,11 +182,9 @@ class Helm:
         """Mode, position, progress and the mission's size, after a message was taken in."""
         self.authority.observe(state)
         kind = message.get_type()
-        if kind == "GLOBAL_POSITION_INT" and state.lat_deg is not None and state.lon_deg is not None:
-            point = self._frame.to_local(state.lat_deg, state.lon_deg)
-            if self._position_m is not None:
-                self.distance_m += math.hypot(*np.subtract(point, self._position_m))
-            self._position_m = point
+        if kind == "GLOBAL_POSITION_INT" and state.position_ok and state.model_time_s is not None:
+            assert state.lat_deg is not None and state.lon_deg is not None
+            self._track.follow(state.model_time_s, self._frame.to_local(state.lat_deg, state.lon_deg))
         elif kind == "MISSION_CURRENT":
             self.dispatch.compare(state)
 

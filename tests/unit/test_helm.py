@@ -126,6 +126,58 @@ def test_position_and_distance(boat):
     np.testing.assert_allclose(boat.helm.position_m, (60.0, 0.0), atol=0.05)
 
 
+def test_a_position_that_the_vehicle_is_not_sure_of_is_none(boat):
+    boat.beats()
+    boat.is_at(0.0, 0.0)
+    boat.hear(mavlink.MAVLink_ekf_status_report_message(0x80, 0, 0, 0, 0, 0))
+    for _ in range(40):
+        boat.now += 1.0
+        boat.is_at(30.0, 0.0)
+    np.testing.assert_allclose(boat.helm.position_m, (0.0, 0.0), atol=0.05)
+    boat.hear(mavlink.MAVLink_ekf_status_report_message(0x1F, 0, 0, 0, 0, 0))
+    boat.now += 1.0
+    boat.is_at(40.0, 0.0)
+    np.testing.assert_allclose(boat.helm.position_m, (40.0, 0.0), atol=0.05)
+    assert boat.helm.distance_m == pytest.approx(40.0, abs=0.1)
+
+
+@pytest.mark.parametrize("fixes", [1, 2, 4])
+def test_a_jump_that_no_boat_can_make_is_left_out(boat, fixes):
+    boat.beats()
+    boat.is_at(0.0, 0.0)
+    for _ in range(fixes):
+        boat.now += 1.0
+        boat.hear(
+            mavlink.MAVLink_global_position_int_message(
+                round(1000 * boat.now), -335000000, 615000000, 0, 0, 0, 0, 0, 0
+            )
+        )
+        np.testing.assert_allclose(boat.helm.position_m, (0.0, 0.0), atol=0.05)
+    boat.now += 1.0
+    boat.is_at(10.0, 0.0)
+    np.testing.assert_allclose(boat.helm.position_m, (10.0, 0.0), atol=0.05)
+    assert boat.helm.distance_m == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_jump_that_persists_is_believed_and_is_no_distance(boat):
+    boat.beats()
+    boat.is_at(90_000.0, 0.0)  # the first one was wrong
+    for step in range(12):
+        boat.now += 1.0
+        boat.is_at(2.0 * step, 0.0)
+    np.testing.assert_allclose(boat.helm.position_m, (22.0, 0.0), atol=0.05)
+    assert boat.helm.distance_m == pytest.approx(12.0, abs=0.1)
+
+
+def test_jumps_that_agree_on_nothing_are_never_believed(boat):
+    boat.beats()
+    boat.is_at(0.0, 0.0)
+    for step in range(40):
+        boat.now += 1.0
+        boat.is_at(20_000.0 * (-1) ** step, 0.0)
+    np.testing.assert_allclose(boat.helm.position_m, (0.0, 0.0), atol=0.05)
+
+
 def test_messages_that_tell_nothing_are_no_news(boat):
     boat.sails()
     assert not boat.hear(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)).news
