@@ -231,7 +231,7 @@ class Core:
 
     def _step(self, now: float) -> None:
         self._send(self._helm.step(now))
-        for note in self._helm.dispatch.take_notes():
+        for note in self._helm.take_notes(now):
             self._reporter.log(Level.WARNING if note.is_warning else Level.INFO, note.text)
         self._look(now)
         self._watch_leg(now)

@@ -21,6 +21,7 @@ from autonomy.mavlink.mission import (
 )
 from autonomy.mavlink.mission_download import Download
 from autonomy.mavlink.telemetry import VehicleState
+from autonomy.notes import Note
 from autonomy.planning.plan import Plan
 
 RETRY_S = 2.0
@@ -42,14 +43,6 @@ class Dispatched:
 
     plan: Plan
     items: Mission
-
-
-@dataclass(frozen=True)
-class Note:
-    """A line for the log."""
-
-    text: str
-    is_warning: bool = False
 
 
 class MissionDispatch:

@@ -12,6 +12,7 @@ from autonomy.mavlink.authority import Authority, OnBoard, unsupported
 from autonomy.mavlink.companion import StreamRequests, heartbeat, status_text, wanted_streams
 from autonomy.mavlink.mission import Route, time_scale, waypoint
 from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
+from autonomy.notes import AutopilotWords, Note
 from autonomy.planning.plan import Plan
 from autonomy.progress import Progress
 from autonomy.track import Track
@@ -52,6 +53,7 @@ class Helm:
         self._heartbeat_due = 0.0
         self._conversing = False
         self._progress = Progress()
+        self._words = AutopilotWords()
 
     @property
     def state(self) -> VehicleState | None:
@@ -123,6 +125,10 @@ class Helm:
         """A line to the operator's ground station; returns messages to send."""
         return [status_text(text)]
 
+    def take_notes(self, now: float) -> list[Note]:
+        """What happened, and what the autopilot wrote to its operator, since the last call, for the log."""
+        return self.dispatch.take_notes() + self._words.notes(now, self.telemetry.take_texts())
+
     def link_changed(self) -> None:
         """The transport opened or closed, or the vehicle started again: what was under way is void."""
         self.dispatch.forget()
@@ -183,7 +189,8 @@ class Helm:
         self.authority.observe(state)
         kind = message.get_type()
         if kind == "GLOBAL_POSITION_INT" and state.position_ok and state.model_time_s is not None:
-            assert state.lat_deg is not None and state.lon_deg is not None
+            assert state.lat_deg is not None
+            assert state.lon_deg is not None
             self._track.follow(state.model_time_s, self._frame.to_local(state.lat_deg, state.lon_deg))
         elif kind == "MISSION_CURRENT":
             self.dispatch.compare(state)

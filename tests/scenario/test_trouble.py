@@ -4,7 +4,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy import jobs
-from autonomy.events import JobFailed, JobFinished, StopRequested
+from autonomy.effects import Topic
+from autonomy.events import JobFailed, JobFinished, MessageReceived, StopRequested
+from autonomy.mavlink.codec import Codec
 from autonomy.planning.planners import PlanningError
 from sim.autopilot import Mode
 
@@ -182,6 +184,18 @@ def test_without_a_vehicle_the_core_waits_for_its_heartbeat_only(make_voyage):
     assert {each.get_type() for _, each in voyage.sent} == {"HEARTBEAT"}
     assert 25 <= len(voyage.sent) - before <= 31
     assert voyage.core.next_deadline() > voyage.now
+
+
+def test_what_the_autopilot_writes_is_told(voyage):
+    vehicle, own = Codec(voyage.autopilot.system_id, 1), Codec(voyage.autopilot.system_id, 191)
+    for severity, text in [(3, b"EKF3 lane switch 1"), (6, b"Throttle armed")]:
+        (message,) = own.decode(vehicle.encode(mavlink.MAVLink_statustext_message(severity, text)))
+        voyage.happened(MessageReceived(message))
+    voyage.advance(3.0)
+    assert voyage.lines("autopilot: Throttle armed")
+    ashore = {notice.text: notice.level for notice in voyage.published[Topic.LOG]}
+    assert ashore["autopilot: EKF3 lane switch 1"] == "warning"
+    assert ashore["autopilot: Throttle armed"] == "info"
 
 
 def test_the_last_words(voyage):
