@@ -44,6 +44,7 @@ class Helm:
         self.telemetry = Telemetry(
             configuration.sensor.message_name,
             pairing_gap_s=configuration.sampling.pairing_gap_s,
+            vehicle_system_id=configuration.mavlink.system_id,
             link_timeout_s=configuration.mavlink.link_timeout_s,
         )
         self.authority = Authority(adopt=configuration.mavlink.adopt)

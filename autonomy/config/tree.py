@@ -71,6 +71,12 @@ class MavlinkSection(Section):
     component_id: int = Field(
         default=191, ge=2, le=255, description="our MAVLink component; 191 is MAV_COMP_ID_ONBOARD_COMPUTER"
     )
+    system_id: int | None = Field(
+        default=None,
+        ge=1,
+        le=254,
+        description="MAVLink system of the vehicle that is ours; null takes the first that is heard",
+    )
     adopt: bool = Field(
         default=False,
         description="whether a mission on board that is not ours may be overwritten before the first AUTO",

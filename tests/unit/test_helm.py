@@ -22,8 +22,8 @@ AUTO, HOLD = 10, 4
 class Boat:
     """A helm, and the words of an autopilot to it."""
 
-    def __init__(self) -> None:
-        configuration = Configuration.model_validate({"survey": {"area": AREA}})
+    def __init__(self, **mavlink_section) -> None:
+        configuration = Configuration.model_validate({"survey": {"area": AREA}, "mavlink": mavlink_section})
         self.helm = Helm(configuration, FRAME)
         self.now = 100.0
         self._vehicle, self._own = Codec(1, 1), Codec(1, 191)
@@ -86,6 +86,15 @@ def test_before_a_vehicle_is_heard_there_are_heartbeats_only(boat):
     assert not boat.helm.is_heard(boat.now)
     with pytest.raises(RuntimeError, match="position"):
         boat.helm.remaining_route_m()
+
+
+def test_another_vehicle_that_is_heard_first_is_not_ours():
+    boat = Boat(system_id=7)
+    boat.beats(AUTO)
+    assert boat.helm.state is None
+    boat._vehicle = Codec(7, 1)
+    boat.beats(HOLD)
+    assert boat.helm.state.system_id == 7
 
 
 def test_a_vehicle_is_asked_for_streams_and_its_mission(boat):
