@@ -16,6 +16,12 @@ from autonomy.mavlink.mission_upload import (
     retry_interval,
 )
 
+MOST_ITEMS = 1000
+"""More than any mission of ours, and than ArduPilot keeps without a card; a greater number is not fetched."""
+
+SLOW_ITEM_S = 0.5
+"""Each announced item prolongs the limit by this: a slow radio needs it."""
+
 _KINDS = ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK")
 
 
@@ -42,16 +48,23 @@ class MissionDownload:
         DONE       -                    -                     -                 -
         FAILED     -                    -                     -                 -
 
-    [a] n = 0: DONE. [b] After six requests without an answer: FAILED. [c] After 4 s of silence: LISTING;
-    after twelve attempts: FAILED. Other errors may be late echoes of an upload; true ones are the timer's.
+    [a] n = 0: DONE. n above 1000: FAILED. [b] After six requests without an answer: FAILED. [c] After 4 s of
+    silence: LISTING; after twelve attempts: FAILED. Other errors may be late echoes of an upload; true ones are
+    the timer's. Whatever the vehicle says: after `limit_s` of protocol time, and half a second for each item of
+    the longest mission it has announced, FAILED.
     """
 
-    def __init__(self, route: Route, *, autopilot: int, time_scale: float = 1.0) -> None:
+    def __init__(
+        self, route: Route, *, autopilot: int, time_scale: float = 1.0, limit_s: float = 60.0
+    ) -> None:
         self._route = route
         self._autopilot = autopilot
         self._time_scale = time_scale
+        self._limit_s = limit_s
+        self._began: float | None = None
         self._items: list[MissionItem] = []
         self._count = 0
+        self._most = 0
         self._repeats = 0
         self._attempts = 0
         self._heard_at = 0.0
@@ -68,10 +81,11 @@ class MissionDownload:
 
     def next_deadline(self) -> float | None:
         """Protocol time at which `on_deadline` wants to be called."""
-        return self._deadline
+        return None if self._deadline is None else min(self._deadline, self._ends_at)
 
     def start(self, now: float) -> list[Any]:
         """Ask for the number of items."""
+        self._began = now if self._began is None else self._began
         self._attempts += 1
         if self._attempts > ATTEMPTS:
             return self._fail(f"given up after {ATTEMPTS} attempts to read the mission")
@@ -99,8 +113,11 @@ class MissionDownload:
 
     def on_deadline(self, now: float) -> list[Any]:
         """Repeat what may have been lost, if it is time to."""
-        if self._deadline is None or now < self._deadline:
+        if self._deadline is None or now < min(self._deadline, self._ends_at):
             return []
+        if now >= self._ends_at:
+            limit_s = self._limit_s + SLOW_ITEM_S * self._most
+            return self._fail(f"not finished within {limit_s:g} s: {self.state.value}")
         if self.state is Download.LISTING and self._repeats + 1 >= COUNT_REPEATS:
             return self._fail("the vehicle doesn't answer the mission request list")
         if self.state is Download.FETCHING and now - self._heard_at >= SILENCE_S:
@@ -108,10 +125,19 @@ class MissionDownload:
         self._repeats += 1
         return self._ask(now)
 
+    @property
+    def _ends_at(self) -> float:
+        assert self._began is not None
+        return self._began + self._limit_s + SLOW_ITEM_S * self._most
+
     def _on_count(self, now: float, count: int) -> list[Any]:
         if self.state is Download.FETCHING:
             return [] if count == self._count else self.start(now)
-        self._count = count
+        if count > MOST_ITEMS:
+            return self._fail(
+                f"the vehicle tells of {count} mission items, and {MOST_ITEMS} are read at most"
+            )
+        self._count, self._most = count, max(count, self._most)
         self._items = []
         return self._go_on(now)
 

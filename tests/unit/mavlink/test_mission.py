@@ -19,6 +19,7 @@ from autonomy.mavlink.mission import (
     time_scale,
     waypoint,
 )
+from autonomy.mavlink.mission_download import Download
 from autonomy.mavlink.mission_upload import Upload
 
 ROUTE = Route(own_system=1, own_component=191, vehicle_system=1, vehicle_component=1)
@@ -268,6 +269,55 @@ class TestDownload:
         assert download.handle(0.1, ack(BUSY)) == []
         assert download.on_deadline(1.6) == []
         assert kinds(download.on_deadline(2.2)) == ["MISSION_REQUEST_LIST"]
+
+    @pytest.mark.parametrize("answer", [ack(BUSY), ack(ERROR)], ids=["busy", "error"])
+    def test_a_vehicle_that_puts_us_off_for_ever_is_given_up(self, answer: Any) -> None:
+        download = MissionDownload(ROUTE, autopilot=3)
+        now, asked = 100.0, len(download.start(100.0))
+        while download.state is Download.LISTING:
+            download.handle(now + 0.01, answer)
+            deadline = download.next_deadline()
+            assert deadline is not None
+            assert now < deadline <= 160.0
+            now = deadline
+            asked += len(download.on_deadline(now))
+        assert download.state is Download.FAILED
+        assert download.reason
+        assert now <= 160.0
+        assert asked <= 40
+        assert download.next_deadline() is None
+
+    def test_a_mission_that_is_never_the_same_twice_is_given_up(self) -> None:
+        download = MissionDownload(ROUTE, autopilot=3)
+        now = 0.0
+        download.start(now)
+        while download.state is not Download.FAILED:
+            now += 1.0
+            download.handle(now, count(10 + int(now) % 2))
+            download.on_deadline(now)
+        assert now <= 60.0 + 11 * 0.5 + 1.0
+
+    def test_a_crawling_download_ends_and_an_ordinary_slow_one_is_let_end(self) -> None:
+        for item_s, done in [(0.3, True), (3.0, False)]:
+            download = MissionDownload(ROUTE, autopilot=3)
+            now = 0.0
+            download.start(now)
+            download.handle(now, count(600))
+            seq = 0
+            while download.state is Download.FETCHING:
+                now += item_s
+                download.handle(now, item(seq, HOME))
+                download.on_deadline(now)
+                seq += 1
+            assert (download.state is Download.DONE) == done
+            assert now <= 60.0 + 600 * 0.5 + item_s
+
+    def test_more_items_than_any_mission_has_are_not_fetched(self) -> None:
+        download = MissionDownload(ROUTE, autopilot=3)
+        download.start(0.0)
+        assert download.handle(0.1, count(65535)) == []
+        assert download.state is Download.FAILED
+        assert download.reason == "the vehicle tells of 65535 mission items, and 1000 are read at most"
 
 
 class TestTransfer:
