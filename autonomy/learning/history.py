@@ -54,6 +54,7 @@ class History:
         self.maximum_cells = maximum_cells
         self.dimensions = dimensions
         self.samples = 0
+        self._mean, self._squares = 0.0, 0.0
         # Key: the place's indices, then the slice. Row: Σx (d), Σy, Σt, n.
         self._cells: dict[_Key, list[float]] = {}
 
@@ -71,9 +72,17 @@ class History:
         place = tuple(math.floor(c / self.side_m) for c in row[: self.dimensions])
         key = (*place, self.samples // SAMPLES_PER_SLICE)
         self.samples += 1
+        deviation = row[self.dimensions] - self._mean
+        self._mean += deviation / self.samples
+        self._squares += deviation * (row[self.dimensions] - self._mean)
         self._accumulate(key, row)
         if len(self._cells) > self.maximum_cells:
             self._shrink(now_s=float(time_s))
+
+    @property
+    def variance(self) -> float:
+        """Variance of all readings ever counted (Welford 1962); 0 before the first."""
+        return self._squares / self.samples if self.samples else 0.0
 
     def cells(self) -> HistoryCells:
         """Averages of all cells, oldest first."""

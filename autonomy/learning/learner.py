@@ -20,10 +20,10 @@ _DIMENSIONS = 2
 # a third of the capacity unused, and the error between and beyond the tracks would be a seventh larger.
 # Much less would fill the basis at once, and too few newcomers would tell when to re-estimate.
 _REBUILD_NOVELTY = 0.1
-# How many readings a caller with other duties can afford to have learnt at once. A replacing update costs
-# about _FIXED_COST + capacity² (in units of 20 ns): the slice stays near 10 ms on one core at any capacity.
-_SLICE_COST = 500_000
-_FIXED_COST = 4_000
+# How many readings a caller with other duties can afford to have learnt at once: a replacing update costs
+# about _FIXED_COST + capacity² (in units of 10 ns), a slice about 10 ms of one core, whatever the capacity.
+_SLICE_COST = 1_000_000
+_FIXED_COST = 8_000
 
 _Reading = tuple[FloatArray, float, float]
 

@@ -16,13 +16,14 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import qr_delete, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dgemv, dger, dtrsv
 from scipy.linalg.lapack import dtrtri
 
 from autonomy.learning.basis import prior_factor
 from autonomy.learning.field_model import FieldModel, Prediction
 from autonomy.learning.kernel import FloatArray, Hyperparameters, as_points, as_vector, covariance
+from autonomy.learning.removal import Scratch, remove
 
 
 class Update(Enum):
@@ -74,6 +75,7 @@ class SparseOnlineGP:
         self._mu = np.zeros(0)
         self._S = np.zeros((0, 0), order="F")
         self._q_diagonal = np.zeros(0)
+        self._scratch = Scratch()
 
     def __len__(self) -> int:
         return len(self._basis)
@@ -139,9 +141,9 @@ class SparseOnlineGP:
         if worst is None:
             self._condition(p, r, s)
             return Update.PROJECTED
-        self._append(point, value, noise, a, e, gamma)
-        self._condition(np.append(p, math.sqrt(gamma)), r, s)
-        self.delete(worst)
+        L, state = self._grown(a, p, gamma, r, s)
+        self._join(point, value, noise, e, gamma)
+        self._leave(worst, L, state)
         self.replacements += 1
         if self.replacements % self.capacity == 0:
             # Against the slow drift of a running difference; once in m replacements this is still O(m²)
@@ -156,37 +158,15 @@ class SparseOnlineGP:
         self._condition(p, r, s)
 
     def delete(self, index: int) -> None:
-        """Drop one basis vector; the marginal of the others stays what it is. O(m²), by Givens rotations.
-
-        Without row i, L is lower Hessenberg from there on. Rotations G of v's coordinates make it
-        triangular again, and no remaining basis vector depends on the last coordinate any more, which is
-        marginalised out.
-        """
+        """Drop one basis vector; the marginal of the others stays what it is. O(m²), by Givens rotations."""
         m = len(self)
         if not 0 <= index < m:
             raise ValueError(f"there is no basis vector {index}: the basis holds {m}")
-        unit = np.zeros(m)
-        unit[index] = 1.0
-        column = self._back(dtrsv(self._L, unit, lower=1, overwrite_x=1))
-        keep = np.arange(m) != index
-        floor = 1.0 / (self.hyperparameters.signal_variance * (1.0 + self.jitter))
-        self._q_diagonal = np.maximum(self._q_diagonal - column**2 / column[index], floor)[keep]
-        self._set_basis(self._basis[keep], self._readings[keep], self._counts[keep], self._births[keep])
-        if m == 1:
-            self._L, self._mu, self._S = np.zeros((0, 0), order="F"), np.zeros(0), np.zeros((0, 0), order="F")
-            return
-        # qr_delete drops a column of R = Lᵀ and applies the rotations to the columns of whatever stands
-        # for Q.
-        state = np.empty((m + 1, m), order="F")
+        L, state = self._scratch.matrix("L", m, m), self._scratch.matrix("state", m + 1, m)
+        L[...] = self._L
         state[:m] = self._S
         state[m] = self._mu
-        rotated, _ = _rotate(state, self._L, index)
-        self._mu = rotated[m].copy()
-        state[: m - 1] = rotated[:m].T
-        rotated, upper = _rotate(state, self._L, index)
-        S = rotated[: m - 1]
-        self._S = np.asfortranarray(0.5 * (S + S.T))
-        self._L = np.asfortranarray(upper.T)
+        self._leave(index, L, state)
 
     def advance(self, dt_s: float) -> None:
         """Let `dt_s` seconds of model time pass: the field forgets, exp(−dt/τ) of it remains.
@@ -367,6 +347,29 @@ class SparseOnlineGP:
         S[:m, :m] = self._S
         S[m, m] = 1.0
         self._L, self._S, self._mu = L, S, np.append(self._mu, 0.0)
+        self._join(point, value, noise, e, gamma)
+
+    def _grown(
+        self, a: FloatArray, p: FloatArray, gamma: float, r: float, s: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """What `_append` and `_condition` would make of L, and of S with μ below it, in scratch memory."""
+        m = len(self)
+        L, state = self._scratch.matrix("L", m + 1, m + 1), self._scratch.matrix("state", m + 2, m + 1)
+        L[:m, :m] = self._L
+        L[m, :m] = a
+        L[:m, m] = 0.0
+        L[m, m] = math.sqrt(gamma)
+        state[:m, :m] = self._S
+        state[m, :m] = state[:m, m] = 0.0
+        state[m, m] = 1.0
+        state[m + 1, :m] = self._mu
+        state[m + 1, m] = 0.0
+        w = np.append(p, L[m, m]) * (1.0 / math.sqrt(s))
+        below = np.append(w, -r / math.sqrt(s))
+        return L, dger(-1.0, below, w, a=state, overwrite_x=0, overwrite_y=0, overwrite_a=1)
+
+    def _join(self, point: FloatArray, value: float, noise: float, e: FloatArray, gamma: float) -> None:
+        """Put `point` last in the list of basis vectors and in diag Q."""
         self._q_diagonal = np.append(self._q_diagonal + e * e / gamma, 1.0 / gamma)
         self._set_basis(
             np.vstack([self._basis, point]),
@@ -374,6 +377,20 @@ class SparseOnlineGP:
             np.append(self._counts, self.hyperparameters.noise_variance / noise),
             np.append(self._births, self.updates),
         )
+
+    def _leave(self, index: int, L: FloatArray, state: FloatArray) -> None:
+        """Take basis vector `index` out of the list, diag Q, and L and `state` (S, μ below it), used up."""
+        m = len(self)
+        unit = np.zeros(m)
+        unit[index] = 1.0
+        column: FloatArray = dtrsv(L, dtrsv(L, unit, lower=1, overwrite_x=1), lower=1, trans=1)
+        keep = np.arange(m) != index
+        floor = 1.0 / (self.hyperparameters.signal_variance * (1.0 + self.jitter))
+        self._q_diagonal = np.maximum(self._q_diagonal - column**2 / column[index], floor)[keep]
+        self._set_basis(self._basis[keep], self._readings[keep], self._counts[keep], self._births[keep])
+        if len(self._L) != m - 1:
+            self._L, self._S = np.empty((m - 1, m - 1), order="F"), np.empty((m - 1, m - 1), order="F")
+        self._mu = remove(L, state, index, self._scratch, self._L, self._S) if m > 1 else np.zeros(0)
 
     def _least_important(self, p: FloatArray, e: FloatArray, gamma: float, q: float) -> int | None:
         """The basis vector with the lowest score |alpha_i|/Q_ii after learning; None if the new one has it.
@@ -391,9 +408,3 @@ def _root(S: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(S)
     root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
     return root
-
-
-def _rotate(state: FloatArray, L: FloatArray, index: int) -> tuple[FloatArray, FloatArray]:
-    """Apply to the columns of `state` the rotations that re-triangularise L without row `index`."""
-    rotated, upper = qr_delete(state, L.T, index, which="col", overwrite_qr=False, check_finite=False)
-    return rotated, upper

@@ -206,6 +206,23 @@ def test_a_basis_vector_knows_of_how_many_readings_its_own_is_the_mean():
         SparseOnlineGP(H, 20).start_basis(x[:2], y[:2], [1.0, 0.0])
 
 
+def test_memory_that_is_used_again_is_not_shared_and_does_not_travel():
+    x, y = readings(17, 120, extent=1000.0)
+    one = fed(SparseOnlineGP(H, 15), x[:60], y[:60])
+    other, model = copy.deepcopy(one), one.model()
+    sent = pickle.loads(pickle.dumps(one))
+    before = model.predict(x)
+    assert one.replacements > 0
+    assert len(pickle.dumps(one)) < 3 * 15 * 15 * 8 + 3000
+    for gp in (one, other, sent):
+        fed(gp, x[60:], y[60:])
+        gp.delete(3)
+    for gp in (other, sent):
+        np.testing.assert_array_equal(gp.predict(x).mean, one.predict(x).mean)
+        np.testing.assert_array_equal(gp.predict(x).variance, one.predict(x).variance)
+    np.testing.assert_array_equal(model.predict(x).mean, before.mean)
+
+
 def test_capacity_one_works():
     x, y = readings(11, 50)
     gp = fed(SparseOnlineGP(H, 1), x, y)
