@@ -143,7 +143,7 @@ class SurveySection(Section):
     passage_cells: int = Field(
         default=200,
         ge=20,
-        le=1000,
+        le=400,
         description="cells along the longer side of the grid on which ways round land are sought",
     )
 
@@ -181,7 +181,13 @@ class HyperparametersSection(Section):
 class ModelSection(Section):
     """The sparse online Gaussian process."""
 
-    capacity: int = Field(default=100, ge=2, le=1000, description="largest number of basis vectors kept")
+    capacity: int = Field(
+        default=100,
+        ge=2,
+        le=300,
+        description="largest number of basis vectors kept; a reading costs its square in time, "
+        "and above 300 there is little to gain",
+    )
     novelty: float = Field(
         default=1e-3,
         ge=0,
@@ -201,7 +207,7 @@ class ModelSection(Section):
     centring_samples: int = Field(
         default=20,
         ge=0,
-        le=10_000,
+        le=1000,
         description="first readings, whose mean is taken off before learning; 0 takes nothing off",
     )
     hyperparameters: HyperparametersSection | None = Field(
@@ -211,7 +217,7 @@ class ModelSection(Section):
     history_cells: int = Field(
         default=2000,
         ge=100,
-        le=100_000,
+        le=20_000,
         description="cells of the history from which a re-estimate rebuilds the model",
     )
 

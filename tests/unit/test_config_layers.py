@@ -78,7 +78,7 @@ def test_mistakes_outside_the_file_name_the_variable_or_the_option(boat: Path) -
         "command line --set planning.spots: planning.spots: must be a whole number (got 'many'); "
         "allowed: a whole number from 1 to 200",
         "environment HALOCLINE_MODEL__CAPACITY: model.capacity: must be a whole number (got 1000000.0); "
-        "allowed: a whole number from 2 to 1000",
+        "allowed: a whole number from 2 to 300",
     ]
 
 
@@ -121,13 +121,13 @@ def test_an_override_can_replace_what_is_wrong_in_the_file(boat: Path) -> None:
 def test_numbers_are_read_as_people_mean_them(tmp_path: Path) -> None:
     file = tmp_path / "boat.yaml"
     file.write_text(
-        AREA + "model: {novelty: 1e-3, jitter: 1.E-6, capacity: 1_000, history_cells: 2000}\n"
+        AREA + "model: {novelty: 1e-3, jitter: 1.E-6, capacity: 200, history_cells: 3_000}\n"
         "sensor: {minimum: -.inf, maximum: +.5}\nmavlink: {adopt: on, position_rate_hz: 2}\n"
     )
     configuration = load(file, {})
     assert configuration.model.novelty == 1e-3
     assert configuration.model.jitter == 1e-6
-    assert configuration.model.capacity == 1000
+    assert configuration.model.history_cells == 3000
     assert configuration.sensor.minimum == -math.inf
     assert configuration.sensor.maximum == 0.5
     assert configuration.mavlink.position_rate_hz == 2.0

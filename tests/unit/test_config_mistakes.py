@@ -28,8 +28,8 @@ BROKEN = {
         AREA + "model:\n  # vectors\n\n  capacity: 100000\n",
         "6:3",
         "model.capacity",
-        "must be at most 1000 (got 100000)",
-        "a whole number from 2 to 1000",
+        "must be at most 300 (got 100000)",
+        "a whole number from 2 to 300",
     ),
     "too small": Broken(
         AREA + "mavlink: {position_rate_hz: 0}\n",
