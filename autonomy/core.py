@@ -87,6 +87,7 @@ class Core:
         self._in_touch = False
         self._may_upload = False
         self._stopping = False
+        self._now = 0.0
         self._leg_watch_due = 0.0
         self._explained: set[str] = set()
         self._heard_reading = -math.inf
@@ -95,6 +96,7 @@ class Core:
     def handle(self, now: float, event: Event) -> list[Effect]:
         """Take in one event at protocol time `now`; returns what the shell shall do, in order."""
         news = True
+        self._now = now
         match event:
             case MessageReceived(message):
                 news = self._hear(now, message)
@@ -120,6 +122,8 @@ class Core:
         """Protocol time at which `handle(now, DeadlineReached())` must be called at the latest."""
         if self._stopping:
             return math.inf
+        if self._learner.behind:
+            return self._now
         return min(self._helm.next_deadline(), self._reporter.next_deadline())
 
     # What comes in --------------------------------------------------------------------------------------------
@@ -160,7 +164,7 @@ class Core:
         self._owed = replace(job.decision, reestimate=False)
         if result.reestimate is not None:
             self._learner.adopt(result.reestimate)
-            self._exploration.reestimated(self._helm.model_time_s)
+            self._exploration.reestimated(self._helm.model_time_s, len(self._learner.history))
             self._reporter.reestimated(result.reestimate)
         if result.plan is None:
             self._postpone(now, f"no plan: {result.problem}")
@@ -230,9 +234,13 @@ class Core:
     # What time and state ask for ------------------------------------------------------------------------------
 
     def _step(self, now: float) -> None:
+        self._learner.catch_up()
         self._send(self._helm.step(now))
         for note in self._helm.take_notes(now):
             self._reporter.log(Level.WARNING if note.is_warning else Level.INFO, note.text)
+        refusal = self._helm.dispatch.take_refusal()
+        if refusal is not None:
+            self._postpone(now, f"the plan is given up: {refusal}")
         self._look(now)
         self._watch_leg(now)
         decision = self._decide(now)
@@ -312,6 +320,10 @@ class Core:
             fresh=learner.fresh_count,
             replaced=learner.replaced_since_mark,
             path_finished=self._helm.path_finished,
+            cells=len(learner.history),
+            spread=learner.history.variance / learner.gp.hyperparameters.signal_variance
+            if learner.born
+            else 0.0,
         )
 
     def _start(self, now: float, decision: Decision) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from autonomy.config import ExplorationSection
+from autonomy.learning.likelihood import MINIMUM_POINTS
 
 
 class Trigger(Enum):
@@ -17,6 +18,7 @@ class Trigger(Enum):
     DAMAGED = "mission on board damaged"
     NOVELTY = "rho exceeded rho0"
     PATH_FINISHED = "path finished"
+    OUTGROWN = "the readings have outgrown the model"
     MAXIMUM_INTERVAL = "maximum interval passed"
 
 
@@ -30,6 +32,8 @@ class Figures:
         fresh: how many of them were added since the mark set by the last plan.
         replaced: how many replacements there were since then.
         path_finished: the mission on board, ours, has been sailed to its end.
+        cells: number of cells of the history.
+        spread: variance of all readings as a multiple of the model's signal variance.
     """
 
     model_time_s: float
@@ -37,6 +41,8 @@ class Figures:
     fresh: int
     replaced: int
     path_finished: bool
+    cells: int
+    spread: float
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,7 @@ class Exploration:
         self._section = section
         self._capacity = capacity
         self._last_reestimate_s: float | None = None
+        self._last_cells = 0
 
     def rho(self, figures: Figures) -> float:
         """The paper's rho, in [0, 1].
@@ -77,14 +84,30 @@ class Exploration:
             return Decision(
                 Trigger.PATH_FINISHED, section.reestimate_on_path_end, Trigger.PATH_FINISHED.value
             )
+        if self._is_outgrown(figures):
+            reason = f"the readings vary {figures.spread:.0f} times more than the model allows"
+            return Decision(Trigger.OUTGROWN, True, reason)
         waited_s = figures.model_time_s - self._since(figures)
+        # A smooth field fills the basis slowly, however much has been sailed: its cells tell that there is news.
+        grown = grown or figures.cells >= section.minimum_basis
         if section.maximum_interval_s is not None and grown and waited_s > section.maximum_interval_s:
             return Decision(Trigger.MAXIMUM_INTERVAL, True, f"{waited_s:.0f} s since the last re-estimate")
         return None
 
-    def reestimated(self, model_time_s: float) -> None:
-        """A re-estimate was adopted at this model time."""
-        self._last_reestimate_s = model_time_s
+    def reestimated(self, model_time_s: float, cells: int) -> None:
+        """A re-estimate was adopted at this model time, when the history had so many cells."""
+        self._last_reestimate_s, self._last_cells = model_time_s, cells
+
+    def _is_outgrown(self, figures: Figures) -> bool:
+        """Whether the model's scale, guessed from the first readings, is contradicted by those that came since.
+
+        The first readings of a slow boat lie within some metres and hardly vary; a model scaled to them would claim a
+        certainty that it has not got. The number of cells must have doubled, so that this stays rare.
+        """
+        ratio = self._section.outgrown_ratio
+        if ratio is None or figures.cells < max(MINIMUM_POINTS, 2 * self._last_cells):
+            return False
+        return figures.spread > ratio
 
     def _since(self, figures: Figures) -> float:
         if self._last_reestimate_s is None:

@@ -68,6 +68,7 @@ class Reporter:
         self._health_schedule = _Schedule(configuration.shore.health_period_s)
         self._observations: list[ObservationNotice] = []
         self._sequence = 0
+        self._unreachable_sites = 0
         self._effects: list[Effect] = []
 
     def next_deadline(self) -> float:
@@ -110,6 +111,13 @@ class Reporter:
         self._effects.append(Publish(Topic.PLAN, notice))
         text = f"plan {sequence} ({plan.reason}): {len(plan.spots_m)} spots, {plan.length_m / 1e3:.1f} km"
         self.log(Level.INFO, f"{text}, {plan.mutual_information:.2f} nats")
+        if plan.unreachable_sites != self._unreachable_sites:
+            self._unreachable_sites = plan.unreachable_sites
+            count = plan.unreachable_sites
+            self.log(
+                Level.WARNING,
+                f"no way over water leads to {count} of the candidate sites: they stay unsampled",
+            )
 
     def log(self, level: Level, text: str) -> None:
         """A line for the log on board and, from INFO on, for people ashore."""
@@ -141,6 +149,9 @@ class Reporter:
             self._observations = []
 
     def _tell_model(self, status: Status) -> None:
+        if not self._learner.born:
+            # Nothing is believed yet; after a restart, an empty map would wipe the last good one ashore.
+            return
         self._sequence += 1
         self._effects.append(Publish(Topic.MODEL, self._snapshot(status)))
 

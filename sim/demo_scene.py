@@ -30,6 +30,8 @@ NOISE_SHARE = 0.05
 """Standard deviation of the probe's noise, as a share of the field's."""
 
 MAP_CELLS = 130
+LARGEST_SPEED_MPS = 100.0
+"""The simulated vessel goes no faster."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +128,13 @@ def make_scene(field: Field, survey: SurveyArea, spacing_m: float, sailing_s: fl
         noise=0.0,
         start_deg=_launch(survey),
     )
+    if scene.speed_mps > LARGEST_SPEED_MPS:
+        raise FieldError(
+            f"to sail the {BUDGET_SIDES * math.sqrt(survey.area_m2) / 1000.0:.0f} km that this sea takes in "
+            f"{sailing_s:.0f} s of its own time, the vessel would need {scene.speed_mps:.0f} m/s: give it more seconds"
+        )
+    if not float(np.nanstd(scene.truth(0.0))) > 0.0:
+        raise FieldError(f"{field.info.long_name} does not vary over the water: there is nothing to learn")
     return replace(scene, noise=NOISE_SHARE * float(np.nanstd(scene.truth(0.0))))
 
 

@@ -1,7 +1,14 @@
-import os
-from pathlib import Path
+"""What all tests share."""
 
-import pytest
+import os
+
+# Before anything imports numpy: the threads of BLAS fight for the cores and make small matrices far slower.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+from pathlib import Path  # noqa: E402
+
+import pytest  # noqa: E402
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from autonomy.commands.configuration import add_override_argument, load_with_survey, tell
+from autonomy.commands.configuration import add_override_argument, doubts, load_with_survey, tell
 from autonomy.config import ConfigurationError
 
 
@@ -18,9 +18,11 @@ def run(arguments: argparse.Namespace) -> int:
     code = 0
     for file in arguments.files:
         try:
-            load_with_survey(file, arguments.overrides)
+            loaded, survey = load_with_survey(file, arguments.overrides)
         except ConfigurationError as error:
             code = tell(error)
         else:
+            for doubt in doubts(loaded, survey):
+                sys.stderr.write(f"{file}: warning: {doubt}\n")
             sys.stdout.write(f"{file}: ok\n")
     return code

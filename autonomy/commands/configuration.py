@@ -37,6 +37,15 @@ def load_with_survey(file: str, overrides: list[str]) -> tuple[Loaded, SurveyAre
         raise ConfigurationError([_survey_problem(loaded, file, error)]) from error
 
 
+def doubts(loaded: Loaded, survey: SurveyArea) -> list[str]:
+    """What is allowed but seldom meant, in words: the land above all, since nothing else keeps the vessel off it."""
+    if loaded.configuration.survey.land is None:
+        return ["survey.land: no polygons of land are given: all of the survey area counts as water"]
+    if not survey.obstacles.intersects(survey.ground):
+        return ["survey.land: the polygons of land do not touch the survey area: all of it counts as water"]
+    return []
+
+
 def tell(error: ConfigurationError) -> int:
     """Print every mistake, one a line, to standard error; return the exit code."""
     sys.stderr.write(f"{error}\n")

@@ -7,7 +7,7 @@ import logging
 import os
 import sys
 
-from autonomy.commands.configuration import add_override_argument, load_with_survey, tell
+from autonomy.commands.configuration import add_override_argument, doubts, load_with_survey, tell
 from autonomy.config import ConfigurationError
 
 EXIT_SOFTWARE = 70
@@ -50,6 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     from autonomy.shell.daemon import Daemon
 
     log = logging.getLogger("autonomy")
+    for doubt in doubts(loaded, survey):
+        log.warning("%s", doubt)
     try:
         asyncio.run(Daemon(loaded.configuration, survey).run())
     except Exception:

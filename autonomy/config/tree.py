@@ -276,10 +276,16 @@ class ExplorationSection(Section):
         default=30,
         ge=1,
         le=1000,
-        description="rho and the interval count only from this many basis vectors on",
+        description="rho counts only from this many basis vectors on, the interval from as many of them "
+        "or of the history's cells",
     )
     maximum_interval_s: Positive | None = Field(
         default=3600.0, description="longest model time between re-estimates; null for no limit"
+    )
+    outgrown_ratio: Positive | None = Field(
+        default=4.0,
+        description="re-estimate when the readings vary this many times more than the model's signal variance says "
+        "and their history has doubled since the last re-estimate; null: never",
     )
     reestimate_on_path_end: bool = Field(
         default=True,

@@ -19,6 +19,7 @@ class Plan:
         mutual_information: true I(P) of the spots in nats, given what is already known.
         planner: name of the planner that made it.
         reason: why a plan was made now, for a person.
+        unreachable_sites: candidates that no way over water leads to from the start.
     """
 
     start_m: FloatArray
@@ -27,6 +28,7 @@ class Plan:
     mutual_information: float
     planner: str
     reason: str
+    unreachable_sites: int = 0
 
     @property
     def spots_m(self) -> FloatArray:

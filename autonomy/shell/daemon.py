@@ -79,10 +79,10 @@ class Daemon:
                 on_up=lambda: self._happened(LinkUp()),
                 on_down=lambda reason: self._happened(LinkDown(reason)),
             )
-            self._happened(DeadlineReached())
             self._notifier.ready()
+            self._happened(DeadlineReached())
             self._feed_watchdog()
-            log.info("listening for the vehicle at %s", self._configuration.mavlink.endpoint)
+            log.info("looking for the vehicle at %s", self._configuration.mavlink.endpoint)
             await self._until_the_end(ended)
         finally:
             await self._close()

@@ -179,13 +179,14 @@ def _line(said: dict[str, Any]) -> str:
     clock = "--:--:--"
     if said["utc_s"] is not None:
         clock = datetime.fromtimestamp(said["utc_s"], UTC).strftime("%H:%M:%SZ")
-    age = "" if said["age_s"] is None else f"  {said['age_s']:.1f} s old"
+    # A simulation in a hurry runs ahead of the clock ashore.
+    age = "" if said["age_s"] is None or said["age_s"] < 0.0 else f"  {said['age_s']:.1f} s old"
     scales = " × ".join(f"{scale:.0f}" for scale in said["lengthscales_m"])
     unit = "" if said["units"] in ("", "1") else f" {said['units']}"
     return (
         f"{clock}  {said['vehicle']}  t={said['model_time_s']:.0f} s  {said['state'] or 'state unknown'}  "
         f"samples {said['samples']}  basis {said['basis_size']}  ρ {said['rho']:.2f}  "
-        f"re-plans {said['replans']}  "
+        f"plans {said['replans']}  "
         f"σf {math.sqrt(said['signal_variance']):.3g}{unit}  l {scales} m  "
         f"σn {math.sqrt(said['noise_variance']):.2g}{unit}{age}"
     )

@@ -177,3 +177,18 @@ def _distance_m(voyage, point):
 
 def _north_m(voyage):
     return float(voyage.survey.frame.to_local(*voyage.autopilot.vessel.position)[1])
+
+
+def test_a_scale_guessed_from_the_first_metres_is_mended_long_before_the_path_ends(make_voyage):
+    """Every reading teaches: the first eight lie within a hundred metres, where the sea hardly varies."""
+    voyage = make_voyage(
+        sampling={"spacing_m": 0.0},
+        exploration={"outgrown_ratio": 4.0, "rho0": 1.0, "minimum_basis": 30, "maximum_interval_s": None},
+    )
+    voyage.start()
+    voyage.until("times more than the model allows")
+    finished = voyage.core._helm.path_finished
+    voyage.until("re-estimated")
+    assert not finished
+    h = voyage.core._learner.gp.hyperparameters
+    assert voyage.core._learner.history.variance < 4.0 * h.signal_variance

@@ -372,7 +372,10 @@ def test_good_files_are_told_and_one_bad_one_spoils_the_exit_code(
     assert check(missing, file) == 78
     output = capsys.readouterr()
     assert output.out == f"{file}: ok\n"
-    assert output.err == f"{missing}: no such file\n"
+    warning = (
+        f"{file}: warning: survey.land: no polygons of land are given: all of the survey area counts as water"
+    )
+    assert output.err == f"{missing}: no such file\n{warning}\n"
 
 
 def test_a_folder_is_no_file(tmp_path: Path) -> None:

@@ -23,23 +23,9 @@ def test_links_are_read(text, kind, host, number):
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "udp",
-        "tcp:a..b:5760",
-        "tcp:.a:1",
-        "tcp:::1:5760",
-        "tcp:[::1:5760",
-        "tcp:host",
-        "tcp:host:",
-        "tcp:ho st:1",
-    ]
-    + [
-        "udpin:host:0",
-        "udpin:host:65536",
-        "serial:/dev/x:0",
-        "serial::9600",
-        "tcp/host:5760",
-        "http:host:80",
+        *("", "udp", "tcp:a..b:5760", "tcp:.a:1", "tcp:::1:5760", "tcp:[::1:5760", "tcp:host", "tcp:host:"),
+        *("tcp:ho st:1", "udpin:host:0", "udpin:host:65536", "serial:/dev/x:0", "serial::9600"),
+        *("tcp/host:5760", "http:host:80"),
     ],
 )
 def test_what_is_no_link_is_refused_with_the_forms_that_are(text):

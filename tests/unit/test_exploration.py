@@ -11,14 +11,14 @@ CAPACITY = 100
 PAPER = ExplorationSection(rho0=0.6, minimum_basis=1, maximum_interval_s=None, reestimate_on_path_end=False)
 
 
-def figures(basis_size=50, fresh=0, *, replaced=0, finished=False, time_s=0.0):
-    return Figures(time_s, basis_size, fresh, replaced, finished)
+def figures(basis_size=50, fresh=0, *, replaced=0, finished=False, time_s=0.0, cells=0, spread=1.0):
+    return Figures(time_s, basis_size, fresh, replaced, finished, cells, spread)
 
 
 def some_figures():
     return st.builds(
         lambda size, share, replaced, finished, time_s: Figures(
-            time_s, size, round(share * size), replaced, finished
+            time_s, size, round(share * size), replaced, finished, 0, 1.0
         ),
         st.integers(0, CAPACITY),
         st.floats(0.0, 1.0),
@@ -97,6 +97,24 @@ def test_the_interval_counts_from_the_first_figures_and_then_from_each_reestimat
     assert rule.decide(figures(time_s=5100.0)) is None
     decision = rule.decide(figures(time_s=5100.5))
     assert (decision.trigger, decision.reestimate) == (Trigger.MAXIMUM_INTERVAL, True)
-    rule.reestimated(5101.0)
+    rule.reestimated(5101.0, cells=0)
     assert rule.decide(figures(time_s=5200.0)) is None
     assert rule.decide(figures(time_s=5202.0)).trigger is Trigger.MAXIMUM_INTERVAL
+
+
+def test_readings_that_vary_more_than_the_model_allows_bring_a_reestimate_once_in_a_doubling():
+    rule = exploration()
+    assert rule.decide(figures(cells=19, spread=50.0)) is None, "too few for a fit"
+    assert rule.decide(figures(cells=20, spread=3.9)) is None
+    assert rule.decide(figures(cells=20, spread=50.0)).trigger is Trigger.OUTGROWN
+    rule.reestimated(1000.0, cells=20)
+    assert rule.decide(figures(cells=39, spread=50.0)) is None
+    assert rule.decide(figures(cells=40, spread=50.0)).reestimate
+
+
+def test_the_interval_counts_as_soon_as_the_basis_or_the_history_has_grown():
+    for cells, expected in ((29, None), (30, Trigger.MAXIMUM_INTERVAL)):
+        rule = exploration(maximum_interval_s=100.0, minimum_basis=30)
+        rule.decide(figures(basis_size=4, cells=cells))
+        decision = rule.decide(figures(time_s=101.0, basis_size=4, cells=cells))
+        assert (decision and decision.trigger) == expected

@@ -31,6 +31,8 @@ class Desk:
         self.learner = Learner(SURVEY.span_m, centring_samples=3)
         self.reporter = Reporter(configuration, SURVEY, Telemetry("SALT"), self.learner)
         self.asked = 0
+        for x in (100.0, 400.0, 700.0):
+            self.learner.add((x, 100.0), 33.0 + x * 1e-3, x)
 
     def status(self):
         self.asked += 1
@@ -88,7 +90,7 @@ def test_observations_go_ashore_in_order_and_once(desk):
 
 def test_health_and_model_say_the_same(desk):
     for k in range(5):
-        desk.learner.add((100.0 * k, 50.0), 33.0 + k, float(k))
+        desk.learner.add((100.0 * k, 350.0), 33.0 + k, 1000.0 + k)
     told = desk.step(50.0)
     health, model = told[Topic.HEALTH], told[Topic.MODEL]
     assert (health.state, health.reason, health.worker_busy, health.link_ok) == (
@@ -100,9 +102,9 @@ def test_health_and_model_say_the_same(desk):
     assert (
         (health.samples, health.rho, health.replans)
         == (model.samples, model.rho, model.replans)
-        == (5, 0.25, 3)
+        == (8, 0.25, 3)
     )
-    assert health.basis_size == len(model.model.basis) == 5
+    assert health.basis_size == len(model.model.basis) == 8
     assert (model.vehicle, model.sequence, model.bounds_m) == ("tern", 1, (0.0, 0.0, 1000.0, 500.0))
     assert (health.mode, health.lat_deg, health.distance_m) == ("unknown", None, 1234.0)
     assert (model.origin_lat_deg, model.origin_lon_deg) == (33.5, -118.5)

@@ -30,7 +30,7 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     """
     start = np.asarray(request.start_m, dtype=float).reshape(2)
     passage = passage_of(survey)
-    sites = _reachable_sites(request, start, survey, passage)
+    sites, unreachable = _reachable_sites(request, start, survey, passage)
     chosen = _select(request, sites)
     ways = passage.ways(np.concatenate([start[None], sites[list(chosen)]]))
     try:
@@ -39,12 +39,13 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
         raise PlanningError(f"no tour through the sampling spots: {error}") from error
     route, is_spot = _route(ways, order)
     _verify(start, route, survey)
-    return Plan(start, route, is_spot, chosen.mutual_information, NAME, request.reason)
+    return Plan(start, route, is_spot, chosen.mutual_information, NAME, request.reason, unreachable)
 
 
 def _reachable_sites(
     request: PlanRequest, start: FloatArray, survey: SurveyArea, passage: Passage
-) -> FloatArray:
+) -> tuple[FloatArray, int]:
+    """The sites that can be reached, shape (n, 2), and how many cannot."""
     nx, ny = request.lattice
     sites = survey.candidate_sites(nx, ny)
     reachable: FloatArray = sites[passage.reachable(start, sites)]
@@ -55,7 +56,7 @@ def _reachable_sites(
             f"navigable water from {lat_deg:.5f}, {lon_deg:.5f}; the vessel may be on land, outside the area "
             f"or in water that is cut off, or {survey.passage_cells} passage cells too coarse for channels"
         )
-    return reachable
+    return reachable, len(sites) - len(reachable)
 
 
 def _select(request: PlanRequest, sites: FloatArray) -> Selection:
