@@ -22,6 +22,10 @@ class Verb:
 
 def run_verb(program: str, about: str, verbs: Mapping[str, Verb], arguments: Sequence[str] | None) -> int:
     """Parse `PROGRAM [VERB] …`, run the verb, return its exit code; usage mistakes exit with 2."""
+    # Before a verb imports numpy: on several threads BLAS fights with the worker for the cores, and small matrices,
+    # which are all that there are here, take many times as long.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
     width = max(map(len, verbs))
     parser = argparse.ArgumentParser(

@@ -96,9 +96,12 @@ class Authority:
         command       AUTO and armed                     anything else
         BEFORE_START  OURS, if the mission is ours [a]   BEFORE_START
         OURS          OURS                               YIELDED: the operator (or a failsafe) has the boat
-        YIELDED       OURS                               YIELDED
+        YIELDED       OURS                               YIELDED; out of AUTO without any mission: BEFORE_START [b]
 
     [a] Or if `adopt`, which takes a mission we don't know as permission to replace it.
+
+    [b] AUTO is refused without a mission: an operator who has cleared it out of AUTO and wants the survey to go on
+    could not give the boat back otherwise.
 
     A reboot of the vehicle leads back to BEFORE_START: it comes up disarmed, in a mode nobody has chosen, perhaps
     without its mission, and then no operator could select AUTO. A clock alone is a poor witness of that, and
@@ -126,7 +129,7 @@ class Authority:
 
     @property
     def survey_started(self) -> bool:
-        """Whether the vehicle has been in AUTO, armed, under our mission (since its last reboot)."""
+        """Whether the vehicle has been in AUTO, armed, under our mission (since its last reboot or cleared mission)."""
         return self.command is not Command.BEFORE_START
 
     @property
@@ -155,6 +158,9 @@ class Authority:
         after = _NEXT[self.command, situation]
         if self.command is Command.BEFORE_START and after is Command.OURS and not self._may_take_over():
             after = Command.BEFORE_START
+        cleared = state.mission_state == mavlink.MISSION_STATE_NO_MISSION
+        if after is Command.YIELDED and situation is Situation.OTHER_MODE and cleared:
+            after, self._waiting_on_board = Command.BEFORE_START, False
         self.command = after
         self.reason = self._explain(state, situation)
 

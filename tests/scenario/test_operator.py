@@ -165,6 +165,21 @@ def test_a_mission_cleared_before_the_start_is_put_on_board_again(make_voyage):
     assert voyage.health.state == "exploring"
 
 
+def test_a_mission_cleared_under_way_is_replaced_so_that_the_boat_can_be_given_back(voyage):
+    """AUTO is refused without a mission, so an operator who cleared it could not give the boat back."""
+    voyage.advance(100.0)
+    voyage.select(Mode.HOLD)
+    voyage.advance(5.0)
+    samples, verified = voyage.samples, voyage.verified
+    voyage.operate(mavlink.MAVLink_mission_clear_all_message(1, 1))
+    assert voyage.advance(60.0, until=lambda: voyage.verified > verified)
+    assert voyage.autopilot.navigator.mode is Mode.HOLD
+    voyage.select(Mode.AUTO)
+    voyage.advance(60.0)
+    assert voyage.health.state == "exploring"
+    assert voyage.samples > samples, "what was learned is kept, and more is"
+
+
 def test_an_operator_who_is_uploading_goes_first(make_voyage):
     voyage = make_voyage()
     voyage.advance(1.5)

@@ -142,3 +142,24 @@ def test_other_autopilots_are_named_and_left_alone() -> None:
 
 def test_modes_have_names() -> None:
     assert (mode_name(10), mode_name(12), mode_name(99)) == ("AUTO", "SMART_RTL", "mode 99")
+
+
+def test_a_mission_cleared_out_of_auto_is_replaced_once_so_that_the_boat_can_be_given_back() -> None:
+    authority = started()
+    authority.observe(MANUAL)
+    assert authority.command is Command.YIELDED
+    cleared = replace(MANUAL, mission_state=1)
+    authority.mission_read(OnBoard.UNREAD)
+    assert not authority.decide(cleared).allowed, "not before it has been read"
+    authority.mission_read(OnBoard.EMPTY)
+    assert authority.decide(cleared).allowed
+    authority.upload_verified()
+    assert not authority.decide(replace(MANUAL, mission_state=2)).allowed
+    authority.observe(replace(AUTO, mission_state=3))
+    assert authority.in_command
+
+
+def test_a_mission_cleared_under_a_failsafe_is_left_alone() -> None:
+    authority = started()
+    authority.observe(replace(CRITICAL, mode=4, mission_state=1))
+    assert authority.command is Command.YIELDED
