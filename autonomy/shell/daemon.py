@@ -58,6 +58,7 @@ class Daemon:
         self._notifier = Notifier(os.environ)
         self._transport: Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._status = ""
         self._ended: asyncio.Future[None] | None = None
 
     async def run(self) -> None:
@@ -150,11 +151,16 @@ class Daemon:
             case Publish(topic, HealthNotice() as health):
                 dropped = sum(self._publisher.status.dropped.values())
                 self._publisher.publish(topic, replace(health, dropped=dropped))
-                self._notifier.status(f"{health.state}: {health.reason}")
+                self._tell_manager(f"{health.state}: {health.reason}")
             case Publish(topic, payload):
                 self._publisher.publish(topic, payload)
             case Log(level, text):
                 log.log(level.value, "%s", text)
+
+    def _tell_manager(self, status: str) -> None:
+        if status != self._status:
+            self._status = status
+            self._notifier.status(status)
 
     def _feed_watchdog(self) -> None:
         """Tell the service manager that the loop turns: only a loop that runs its timers feeds it."""
