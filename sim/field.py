@@ -6,6 +6,7 @@ answers through the same small interface, `Field`; `open_field` makes one from a
 
 import math
 import re
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -76,7 +77,7 @@ class Field(Protocol):
         """Values on a lattice: shape (len(lat_axis_deg), len(lon_axis_deg)), NaN on land and outside."""
 
 
-class MaskedField:
+class MaskedField(ABC):
     """The part of a field that follows from its mask; subclasses add `value`."""
 
     def __init__(self, info: FieldInfo, mask: LandMask, times_s: tuple[float, float]) -> None:
@@ -89,9 +90,9 @@ class MaskedField:
         """The smallest box of latitude and longitude that holds every grid point."""
         return self.mask.grid.bounds
 
+    @abstractmethod
     def value(self, lat_deg: ArrayLike, lon_deg: ArrayLike, time_s: float) -> FloatArray:
         """Values at positions of any one shape; NaN on land and outside the field."""
-        raise NotImplementedError
 
     def is_land(self, lat_deg: ArrayLike, lon_deg: ArrayLike) -> BoolArray:
         """Whether the grid cell around each position (the cell of the nearest grid point) is land."""
