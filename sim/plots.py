@@ -205,7 +205,7 @@ def _course(axis: Axes, samples: ArrayLike, rmse: ArrayLike, field_std: float, u
     axis.annotate(
         f"{GOAL:.0%} of the field's standard deviation",
         (0.0, goal),
-        xytext=(6, 4),
+        xytext=(6, -14),
         textcoords="offset points",
         color=SPOT,
         fontsize=10.5,
