@@ -123,5 +123,5 @@ def _title(model: ModelSnapshot) -> str:
     hours, rest = divmod(int(model.model_time_s), 3600)
     return (
         f"{model.vehicle}: {model.samples} samples, {len(model.model)} basis vectors, ρ {model.rho:.2f}, "
-        f"{model.replans} re-plans, vehicle clock {hours}:{rest // 60:02d}:{rest % 60:02d}"
+        f"{model.replans} plans, vehicle clock {hours}:{rest // 60:02d}:{rest % 60:02d}"
     )
