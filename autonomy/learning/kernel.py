@@ -1,37 +1,156 @@
-"""The squared-exponential kernel with one length-scale per axis (SE-ARD), and its hyperparameters.
+"""The field as a sum of components, each a variance times a spatial times a temporal kernel.
 
 Everything here is noise-free. Noise belongs to a *sample*, enters once, at the likelihood, and never hides
 behind "x equals x'": a place visited twice would make the covariance of the readings singular.
 """
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import cast
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-FloatArray = NDArray[np.float64]
+from autonomy.learning.numbers import FloatArray, as_points, as_vector, lengthscales, positive
+from autonomy.learning.spatial import SpatialKernel, SquaredExponential
+from autonomy.learning.temporal import OrnsteinUhlenbeck, Static, TemporalKernel
+
+__all__ = [
+    "Component",
+    "FloatArray",
+    "Group",
+    "Hyperparameters",
+    "Kernel",
+    "as_points",
+    "as_vector",
+    "axis_factor",
+    "covariance",
+    "squared_distances",
+]
 
 
-def _positive(name: str, value: float) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be a number, not {value!r:.60}") from None
-    if not (math.isfinite(number) and number > 0):
-        raise ValueError(f"{name} must be positive and finite, not {value!r}")
-    return number
+@dataclass(frozen=True)
+class Component:
+    """One summand of the field: `variance` (squared sensor units) × spatial × temporal correlation."""
+
+    variance: float
+    space: SpatialKernel
+    time: TemporalKernel = field(default_factory=Static)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "variance", positive("variance", self.variance))
+
+    def covariance(self, a: FloatArray, b: FloatArray) -> FloatArray:
+        """Covariance at one moment between the places `a` (n, d) and `b` (k, d): shape (n, k)."""
+        result = self.space.correlation(squared_distances(a, b, self.space.lengthscales_m))
+        result *= self.variance
+        return result
+
+
+@dataclass(frozen=True)
+class Group:
+    """The components that move alike: in the filter they share one state, whose prior is the sum of their kernels."""
+
+    time: TemporalKernel
+    components: tuple[Component, ...]
+
+    @property
+    def variance(self) -> float:
+        """Their variance together."""
+        return math.fsum(component.variance for component in self.components)
+
+    def covariance(self, a: FloatArray, b: FloatArray) -> FloatArray:
+        """Covariance at one moment between the places `a` (n, d) and `b` (k, d): shape (n, k)."""
+        result = self.components[0].covariance(a, b)
+        for component in self.components[1:]:
+            result += component.covariance(a, b)
+        return result
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """What is believed of the field before any reading, and the noise of one reading.
+
+    Raises ValueError for components that disagree about the number of axes, and for none.
+    """
+
+    components: tuple[Component, ...]
+    noise_variance: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "components", tuple(self.components))
+        object.__setattr__(self, "noise_variance", positive("noise_variance", self.noise_variance))
+        if not self.components:
+            raise ValueError("a kernel needs at least one component")
+        axes = {len(component.space.lengthscales_m) for component in self.components}
+        if len(axes) != 1:
+            raise ValueError(f"all components need the same number of axes, not {sorted(axes)}")
+
+    @cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """The components by how they move, in the order in which each way of moving first occurs."""
+        ways = dict.fromkeys(component.time for component in self.components)
+        return tuple(
+            Group(time, tuple(component for component in self.components if component.time == time))
+            for time in ways
+        )
+
+    @property
+    def dimensions(self) -> int:
+        """Number of axes of the input."""
+        return len(self.components[0].space.lengthscales_m)
+
+    @property
+    def states(self) -> int:
+        """Coordinates of the filter's state per basis vector."""
+        return sum(group.time.states for group in self.groups)
+
+    @property
+    def signal_variance(self) -> float:
+        """Variance of the field: that of all components together."""
+        return math.fsum(component.variance for component in self.components)
+
+    @property
+    def is_static(self) -> bool:
+        """Whether nothing moves."""
+        return all(math.isinf(component.time.timescale_s) for component in self.components)
+
+    @property
+    def hyperparameters(self) -> "Hyperparameters":
+        """The same as `Hyperparameters`; ValueError unless it is one squared-exponential component (OU or static)."""
+        component = self.components[0]
+        plain = isinstance(component.space, SquaredExponential) and isinstance(
+            component.time, Static | OrnsteinUhlenbeck
+        )
+        if len(self.components) != 1 or not plain:
+            raise ValueError("only one squared-exponential component, static or OU, has Hyperparameters")
+        return Hyperparameters(
+            component.variance,
+            self.noise_variance,
+            component.space.lengthscales_m,
+            component.time.timescale_s,
+        )
+
+    def covariance(self, a: FloatArray, b: FloatArray, lag_s: FloatArray | None = None) -> FloatArray:
+        """Covariance of the field between `a` (n, d) and `b` (k, d): shape (n, k).
+
+        `lag_s`, absolute differences of time, shape (n, k); None if all is at one moment.
+        """
+        result = np.zeros((len(a), len(b)))
+        for group in self.groups:
+            part = group.covariance(a, b)
+            if lag_s is not None and not math.isinf(group.time.timescale_s):
+                part *= group.time.correlation(lag_s)
+            result += part
+        return result
 
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """The kernel's parameters: variances in squared sensor units, length-scales in metres, one per axis.
+    """The paper's case in one value: one squared-exponential component, static or forgetting.
 
-    `timescale_s` is the decay time of the field's memory (Ornstein–Uhlenbeck); infinity means a still
-    field. Raises ValueError for anything that is not positive, and for infinities anywhere but in
-    `timescale_s`.
+    Variances in squared sensor units, length-scales in metres, one per axis. `timescale_s` is the decay time
+    of the field's memory (Ornstein–Uhlenbeck); infinity means a still field. Raises ValueError for anything
+    that is not positive, and for infinities anywhere but in `timescale_s`.
     """
 
     signal_variance: float
@@ -40,73 +159,44 @@ class Hyperparameters:
     timescale_s: float = math.inf
 
     def __post_init__(self) -> None:
-        scales = cast(object, self.lengthscales_m)
-        if isinstance(scales, str) or not isinstance(scales, Iterable):
-            raise ValueError(
-                f"lengthscales_m must be a sequence, one number per axis, e.g. (500.0, 500.0), not {scales!r}"
-            )
-        checked = tuple(_positive(f"lengthscales_m[{i}]", value) for i, value in enumerate(scales))
-        if not checked:
-            raise ValueError("lengthscales_m is empty: give one length-scale per axis, e.g. (500.0, 500.0)")
-        object.__setattr__(self, "signal_variance", _positive("signal_variance", self.signal_variance))
-        object.__setattr__(self, "noise_variance", _positive("noise_variance", self.noise_variance))
-        object.__setattr__(self, "lengthscales_m", checked)
+        object.__setattr__(self, "lengthscales_m", lengthscales(self.lengthscales_m))
+        object.__setattr__(self, "signal_variance", positive("signal_variance", self.signal_variance))
+        object.__setattr__(self, "noise_variance", positive("noise_variance", self.noise_variance))
         if self.timescale_s != math.inf:
-            object.__setattr__(self, "timescale_s", _positive("timescale_s", self.timescale_s))
+            object.__setattr__(self, "timescale_s", positive("timescale_s", self.timescale_s))
 
     @property
     def dimensions(self) -> int:
         """Number of axes of the input."""
         return len(self.lengthscales_m)
 
-
-def as_points(points: ArrayLike, dimensions: int, name: str = "points") -> FloatArray:
-    """`points` as a finite float64 array of shape (N, dimensions); ValueError says what is wrong."""
-    try:
-        array = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of numbers: {error}") from None
-    if array.ndim != 2 or array.shape[1] != dimensions:
-        raise ValueError(f"{name} must have shape (N, {dimensions}), not {array.shape}")
-    _require_finite(array, name)
-    return array
+    @property
+    def kernel(self) -> Kernel:
+        """The kernel of one component that this describes."""
+        time = Static() if math.isinf(self.timescale_s) else OrnsteinUhlenbeck(self.timescale_s)
+        component = Component(self.signal_variance, SquaredExponential(self.lengthscales_m), time)
+        return Kernel((component,), self.noise_variance)
 
 
-def as_vector(values: ArrayLike, name: str, length: int | None = None) -> FloatArray:
-    """`values` as a finite float64 array of shape (length,); ValueError says what is wrong."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of numbers: {error}") from None
-    if array.ndim != 1 or (length is not None and array.shape != (length,)):
-        raise ValueError(f"{name} must have shape ({'N' if length is None else length},), not {array.shape}")
-    _require_finite(array, name)
-    return array
-
-
-def _require_finite(array: FloatArray, name: str) -> None:
-    if not np.isfinite(array).all():
-        where = np.argwhere(~np.isfinite(array))[0]
-        raise ValueError(f"{name}{where.tolist()} is {array[tuple(where)]}: every number must be finite")
-
-
-def covariance(a: FloatArray, b: FloatArray, h: Hyperparameters) -> FloatArray:
-    """Noise-free covariance of the field between `a` (n, d) and `b` (k, d): shape (n, k)."""
-    exponent = np.zeros((len(a), len(b)))
-    for axis, lengthscale in enumerate(h.lengthscales_m):
+def squared_distances(a: FloatArray, b: FloatArray, lengthscales_m: tuple[float, ...]) -> FloatArray:
+    """s = Σ ((a_i − b_i)/l_i)² between `a` (n, d) and `b` (k, d): shape (n, k)."""
+    total = np.zeros((len(a), len(b)))
+    for axis, lengthscale in enumerate(lengthscales_m):
         # Differences first: |a|² + |b|² − 2ab would cancel at coordinates of 1e5 m and length-scales of
         # 10 m.
         difference = np.subtract.outer(a[:, axis] / lengthscale, b[:, axis] / lengthscale)
         np.multiply(difference, difference, out=difference)
-        exponent += difference
-    exponent *= -0.5
-    np.exp(exponent, out=exponent)
-    exponent *= h.signal_variance
-    return exponent
+        total += difference
+    return total
+
+
+def covariance(a: FloatArray, b: FloatArray, h: Hyperparameters) -> FloatArray:
+    """Noise-free covariance of the field at one moment between `a` (n, d) and `b` (k, d): shape (n, k)."""
+    return h.kernel.covariance(a, b)
 
 
 def axis_factor(centres: FloatArray, axis: FloatArray, lengthscale_m: float) -> FloatArray:
-    """The kernel's factor along one axis, shape (len(centres), len(axis)), without the signal variance.
+    """The squared-exponential kernel's factor along one axis, shape (len(centres), len(axis)), without the variance.
 
     On a grid the kernel is the product of such factors, so a map needs exponentials along its two edges
     only.
