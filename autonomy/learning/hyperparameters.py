@@ -97,7 +97,7 @@ def fit(
         raise ValueError(f"objective must be 'loo' or 'marginal', not {objective!r}")
     if optimiser not in ("lbfgs", "gradient_ascent"):
         raise ValueError(f"optimiser must be 'lbfgs' or 'gradient_ascent', not {optimiser!r}")
-    problem = Readings.of(x, y, start, noise_scale, mean)
+    problem = Readings.of(x, y, noise_scale, None, mean, start.dimensions)
     reason = problem.unfit()
     if reason:
         return Fit(start, problem.plain_mean(), -math.inf, 0, False, reason, kept_start=True)

@@ -1,18 +1,22 @@
-"""How well hyperparameters explain readings: leave-one-out and marginal likelihood, with analytic gradients.
+"""How well a kernel explains readings: leave-one-out and marginal likelihood, with analytic gradients.
 
-Gradients are with respect to *logarithms*, in the order signal variance, length-scales, noise variance;
-`timescale_s` takes no part.
+Gradients are with respect to *logarithms*, in this order: for every component its variance, its length-scales
+(one per axis) and, if it moves, its time-scale; last the noise variance. `log_parameters` gives the values so
+ordered.
 """
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg.blas import dsymv, dsyr, dsyr2, dsyrk
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtpttr, dtrttp
 
-from autonomy.learning.kernel import FloatArray, Hyperparameters, as_points, as_vector, covariance
+from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel, as_points, as_vector
+from autonomy.learning.temporal import TemporalKernel
 
 MINIMUM_POINTS = 20
 
@@ -20,34 +24,58 @@ _LOG_2PI = math.log(2.0 * math.pi)
 
 
 def loo_log_likelihood(
-    x: ArrayLike, y: ArrayLike, h: Hyperparameters, noise_scale: ArrayLike | None = None
+    x: ArrayLike,
+    y: ArrayLike,
+    kernel: Kernel | Hyperparameters,
+    noise_scale: ArrayLike | None = None,
+    times_s: ArrayLike | None = None,
 ) -> tuple[float, FloatArray]:
-    """Leave-one-out log predictive probability of `y` (n,) at `x` (n, d), and its gradient (2 + d,).
+    """Leave-one-out log predictive probability of `y` (n,) at `x` (n, d) and `times_s` (n,), and its gradient.
 
     Sundararajan & Keerthi 2001; Rasmussen & Williams 2006, eqs. 5.10–5.13. The prior mean is zero.
     Reading i has the noise variance σn²·noise_scale[i]; for a mean of n_i readings that scale is 1/n_i.
-    Raises ValueError for bad input, numpy.linalg.LinAlgError if the covariance is singular to rounding.
+    Without times all readings are of one moment. Raises ValueError for bad input,
+    numpy.linalg.LinAlgError if the covariance is singular to rounding.
     """
-    return Readings.of(x, y, h, noise_scale).loo(h)
+    return Readings.of(x, y, noise_scale, times_s).loo(kernel)
 
 
 def log_marginal_likelihood(
-    x: ArrayLike, y: ArrayLike, h: Hyperparameters, noise_scale: ArrayLike | None = None
+    x: ArrayLike,
+    y: ArrayLike,
+    kernel: Kernel | Hyperparameters,
+    noise_scale: ArrayLike | None = None,
+    times_s: ArrayLike | None = None,
 ) -> tuple[float, FloatArray]:
-    """Log marginal likelihood of `y` (n,) at `x` (n, d), zero prior mean, and its gradient (2 + d,).
+    """Log marginal likelihood of `y` (n,) at `x` (n, d) and `times_s` (n,), zero prior mean, and its gradient.
 
     Rasmussen & Williams 2006, eqs. 5.8–5.9. Arguments and errors as for `loo_log_likelihood`.
     """
-    return Readings.of(x, y, h, noise_scale).marginal(h)
+    return Readings.of(x, y, noise_scale, times_s).marginal(kernel)
+
+
+def log_parameters(kernel: Kernel) -> FloatArray:
+    """The logarithms of all that a gradient is with respect to, in its order."""
+    values: list[float] = []
+    for component in kernel.components:
+        values += (component.variance, *component.space.lengthscales_m)
+        if not math.isinf(component.time.timescale_s):
+            values.append(component.time.timescale_s)
+    logs: FloatArray = np.log([*values, kernel.noise_variance])
+    return logs
 
 
 @dataclass(frozen=True)
 class Readings:
-    """The readings of one fit; the objectives as functions of the hyperparameters."""
+    """The readings of one fit; the objectives as functions of the kernel.
+
+    `x` (n, d) metres, `y` (n,) sensor units less `fixed_mean`, `noise_scale` (n,), `times_s` (n,) or None.
+    """
 
     x: FloatArray
     y: FloatArray
     noise_scale: FloatArray
+    times_s: FloatArray | None
     unknown_mean: bool
     fixed_mean: float
 
@@ -56,12 +84,13 @@ class Readings:
         cls,
         x: ArrayLike,
         y: ArrayLike,
-        h: Hyperparameters,
-        noise_scale: ArrayLike | None,
+        noise_scale: ArrayLike | None = None,
+        times_s: ArrayLike | None = None,
         mean: Literal["gls"] | float = 0.0,
+        dimensions: int = 2,
     ) -> "Readings":
         """Checked readings; `mean` is a number, or "gls" for an unknown one. ValueError for bad input."""
-        points = as_points(x, h.dimensions, "x")
+        points = as_points(x, dimensions, "x")
         values = as_vector(y, "y", len(points))
         scale = (
             np.ones(len(points))
@@ -70,15 +99,21 @@ class Readings:
         )
         if (scale <= 0).any():
             raise ValueError("noise_scale must be positive")
+        times = None if times_s is None else as_vector(times_s, "times_s", len(points))
         fixed = 0.0 if mean == "gls" else float(mean)
         if not math.isfinite(fixed):
             raise ValueError(f"mean must be 'gls' or a finite number, not {mean!r}")
-        return cls(points, values - fixed, scale, mean == "gls", fixed)
+        return cls(points, values - fixed, scale, times, mean == "gls", fixed)
 
     @property
     def n(self) -> int:
         """How many there are."""
         return len(self.y)
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time between the first and the last; 0 without times."""
+        return 0.0 if self.times_s is None or not self.n else float(np.ptp(self.times_s))
 
     def unfit(self) -> str:
         """Why these readings determine nothing; empty if they may."""
@@ -94,71 +129,155 @@ class Readings:
         """The prior mean when there is no fit."""
         if not self.unknown_mean or not self.n:
             return self.fixed_mean
-        weights = 1.0 / self.noise_scale
-        return float(np.average(self.y, weights=weights))
+        return float(np.average(self.y, weights=1.0 / self.noise_scale))
 
-    def prior_mean(self, h: Hyperparameters) -> float:
-        """The generalised-least-squares mean under `h`, or the fixed one."""
+    def prior_mean(self, kernel: Kernel | Hyperparameters) -> float:
+        """The generalised-least-squares mean under `kernel`, or the fixed one."""
         if not self.unknown_mean:
             return self.fixed_mean
-        _, inverse, _ = self._inverse(h)
-        weights = inverse.sum(axis=0)
+        factor = self._factor(_Covariance(self._pairs, _kernel(kernel)))
+        weights = dpotrs(factor, np.ones(self.n), lower=1)[0]
         # A length-scale beyond the survey can put the mean anywhere; one outside all readings helps nobody.
         return float(np.clip(weights @ self.y / weights.sum(), self.y.min(), self.y.max()))
 
-    def _inverse(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray, float]:
-        """The noise-free covariance K, (K + noise)⁻¹, and log|K + noise|."""
-        K = covariance(self.x, self.x, h)
-        noisy = K.copy()
-        noisy.ravel()[:: self.n + 1] += h.noise_variance * self.noise_scale
-        factor, info = dpotrf(noisy.T, lower=1, overwrite_a=1)
-        if info == 0:
-            log_determinant = 2.0 * float(np.log(np.diagonal(factor)).sum())
-            inverse, info = dpotri(factor, lower=1, overwrite_c=1)
-        if info != 0:
-            raise np.linalg.LinAlgError("the covariance of the readings is singular to rounding")
-        inverse = np.tril(inverse)
-        inverse += np.tril(inverse, -1).T
-        return K, inverse, log_determinant
-
-    def _precision(self, h: Hyperparameters) -> tuple[FloatArray, FloatArray, float]:
-        """As `_inverse`, with an unknown mean projected out: P = K⁻¹ − K⁻¹1(1ᵀK⁻¹1)⁻¹1ᵀK⁻¹.
-
-        dP = −P dK P holds just as it does for the inverse, so both objectives keep their formulas.
-        """
-        K, P, log_determinant = self._inverse(h)
-        if self.unknown_mean:
-            weights = P.sum(axis=0)
-            P -= np.outer(weights, weights) / weights.sum()
-            log_determinant += math.log(weights.sum())
-        return K, P, log_determinant
-
-    def loo(self, h: Hyperparameters) -> tuple[float, FloatArray]:
+    def loo(self, kernel: Kernel | Hyperparameters) -> tuple[float, FloatArray]:
         """Leave-one-out log predictive probability and its gradient; an unknown mean is left out with it."""
-        K, P, _ = self._precision(h)
+        prior = _Covariance(self._pairs, _kernel(kernel))
+        alpha, P, _ = self._solve(prior)
         precision = np.diagonal(P).copy()
-        alpha = P @ self.y
         value = 0.5 * float((np.log(precision) - alpha**2 / precision).sum()) - 0.5 * self.n * _LOG_2PI
         g = 0.5 / precision + 0.5 * (alpha / precision) ** 2
-        scaled = P * np.sqrt(g)
-        M = np.outer(P @ (alpha / precision), alpha) - scaled @ scaled.T
-        return value, self._gradient(h, K, M)
+        shifted = dsymv(1.0, P, alpha / precision, lower=1)
+        P += np.tril(P, -1).T
+        P *= np.sqrt(g)
+        M = dsyrk(-1.0, P, lower=1)
+        M = dsyr2(0.5, shifted, alpha, a=M, lower=1, overwrite_a=1)
+        return value, self._gradient(prior, M)
 
-    def marginal(self, h: Hyperparameters) -> tuple[float, FloatArray]:
+    def marginal(self, kernel: Kernel | Hyperparameters) -> tuple[float, FloatArray]:
         """Log marginal likelihood (restricted, if the mean is unknown) and its gradient."""
-        K, P, log_determinant = self._precision(h)
-        alpha = P @ self.y
+        prior = _Covariance(self._pairs, _kernel(kernel))
+        alpha, P, log_determinant = self._solve(prior)
         degrees = self.n - 1 if self.unknown_mean else self.n
         value = -0.5 * float(self.y @ alpha) - 0.5 * log_determinant - 0.5 * degrees * _LOG_2PI
-        return value, self._gradient(h, K, 0.5 * (np.outer(alpha, alpha) - P))
+        # The sign turned, so that P need not be copied.
+        M = dsyr(-1.0, alpha, a=P, lower=1, overwrite_a=1)
+        return value, -0.5 * self._gradient(prior, M)
 
-    def _gradient(self, h: Hyperparameters, K: FloatArray, M: FloatArray) -> FloatArray:
-        """Σ M∘dK for every log parameter."""
-        weighted = M * K
-        gradient = [float(weighted.sum())]
-        for axis, lengthscale in enumerate(h.lengthscales_m):
-            position = self.x[:, axis] / lengthscale
-            distance = np.subtract.outer(position, position)
-            gradient.append(float(np.einsum("ij,ij,ij->", weighted, distance, distance)))
-        gradient.append(h.noise_variance * float(np.diagonal(M) @ self.noise_scale))
-        return np.array(gradient)
+    @cached_property
+    def _pairs(self) -> "_Pairs":
+        return _Pairs(self.x, self.times_s)
+
+    def _factor(self, prior: "_Covariance") -> FloatArray:
+        noisy, info = dtpttr(self.n, prior.packed, uplo="L")
+        noisy.ravel(order="K")[:: self.n + 1] += prior.kernel.noise_variance * self.noise_scale
+        factor, info = dpotrf(noisy, lower=1, overwrite_a=1)
+        if info != 0:
+            raise np.linalg.LinAlgError("the covariance of the readings is singular to rounding")
+        result: FloatArray = factor
+        return result
+
+    def _solve(self, prior: "_Covariance") -> tuple[FloatArray, FloatArray, float]:
+        """α = P y, the lower triangle of P and the log-determinant, where P is the inverse of the noisy covariance.
+
+        An unknown mean is projected out: P = K⁻¹ − K⁻¹1(1ᵀK⁻¹1)⁻¹1ᵀK⁻¹. dP = −P dK P holds just as it does for
+        the inverse, so both objectives keep their formulas.
+        """
+        factor = self._factor(prior)
+        log_determinant = 2.0 * float(np.log(np.diagonal(factor)).sum())
+        solved = dpotrs(factor, np.column_stack((self.y, np.ones(self.n))), lower=1)[0]
+        alpha, weights = solved[:, 0], solved[:, 1]
+        P, info = dpotri(factor, lower=1, overwrite_c=1)
+        if info != 0:
+            raise np.linalg.LinAlgError("the covariance of the readings is singular to rounding")
+        P = np.asfortranarray(P)
+        if self.unknown_mean:
+            total = float(weights.sum())
+            alpha = alpha - weights * (float(weights @ self.y) / total)
+            P = dsyr(-1.0 / total, weights, a=P, lower=1, overwrite_a=1)
+            log_determinant += math.log(total)
+        return alpha, P, log_determinant
+
+    def _gradient(self, prior: "_Covariance", M: FloatArray) -> FloatArray:
+        """Σ M∘dK for every log parameter; of M the lower triangle is used."""
+        noise = prior.kernel.noise_variance * float(np.diagonal(M) @ self.noise_scale)
+        weights, _ = dtrttp(M, uplo="L")
+        weights *= 2.0
+        weights[self._pairs.diagonal] *= 0.5
+        return np.array([*prior.gradient(weights), noise])
+
+
+class _Pairs:
+    """What all kernels need to know of the readings' pairs: the lower triangle, column by column (LAPACK's packing)."""
+
+    def __init__(self, x: FloatArray, times_s: FloatArray | None) -> None:
+        n = len(x)
+        columns, rows = np.triu_indices(n)
+        self.squares = [(x[rows, axis] - x[columns, axis]) ** 2 for axis in range(x.shape[1])]
+        self.lags_s = None if times_s is None else np.abs(times_s[rows] - times_s[columns])
+        self.diagonal = np.cumsum([0, *range(n, 1, -1)]) if n else np.zeros(0, dtype=np.intp)
+
+
+class _Covariance:
+    """The noise-free covariance of the readings, packed, and what its derivatives need."""
+
+    def __init__(self, pairs: _Pairs, kernel: Kernel) -> None:
+        self.kernel = kernel
+        self._pairs = pairs
+        self._squared: list[FloatArray] = []
+        self._parts: list[FloatArray] = []
+        self._moving: dict[TemporalKernel, FloatArray] = {}
+        for component in kernel.components:
+            squared = _scaled(pairs.squares, component.space.lengthscales_m)
+            part = component.space.correlation(squared.copy())
+            part *= component.variance
+            motion = self._motion(component.time)
+            if motion is not None:
+                part *= motion
+            self._squared.append(squared)
+            self._parts.append(part)
+        self.packed = self._parts[0]
+        for part in self._parts[1:]:
+            self.packed = self.packed + part
+
+    def _motion(self, time: TemporalKernel) -> FloatArray | None:
+        """κ of the lags; None if it is one everywhere. Components that move alike share it."""
+        if self._pairs.lags_s is None or math.isinf(time.timescale_s):
+            return None
+        if time not in self._moving:
+            self._moving[time] = time.correlation(self._pairs.lags_s)
+        return self._moving[time]
+
+    def gradient(self, weights: FloatArray) -> list[float]:
+        """Σ weights∘∂K for the logarithms of every component's parameters."""
+        result: list[float] = []
+        slopes = {
+            time: time.slope(self._pairs.lags_s) for time in self._moving if self._pairs.lags_s is not None
+        }
+        for component, squared, part in zip(self.kernel.components, self._squared, self._parts, strict=True):
+            result.append(float(weights @ part))
+            steep = component.space.slope(squared)
+            steep *= weights
+            motion = self._motion(component.time)
+            if motion is not None:
+                steep *= motion
+            for square, lengthscale in zip(self._pairs.squares, component.space.lengthscales_m, strict=True):
+                result.append(component.variance / lengthscale**2 * float(steep @ square))
+            if motion is not None:
+                still = component.space.correlation(squared)
+                still *= slopes[component.time]
+                result.append(component.variance * float(weights @ still))
+            elif not math.isinf(component.time.timescale_s):
+                result.append(0.0)
+        return result
+
+
+def _scaled(squares: list[FloatArray], lengthscales_m: tuple[float, ...]) -> FloatArray:
+    total = squares[0] * lengthscales_m[0] ** -2
+    for square, lengthscale in zip(squares[1:], lengthscales_m[1:], strict=True):
+        total += square * lengthscale**-2
+    return total
+
+
+def _kernel(kernel: Kernel | Hyperparameters) -> Kernel:
+    return kernel.kernel if isinstance(kernel, Hyperparameters) else kernel
