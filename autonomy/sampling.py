@@ -7,6 +7,7 @@ import numpy as np
 
 from autonomy.config import SamplingSection, SensorSection
 from autonomy.geometry import FloatArray
+from autonomy.learning.transform import transform_of
 from autonomy.mavlink.telemetry import Observation, VehicleState
 from autonomy.planning.survey import SurveyArea
 
@@ -25,6 +26,7 @@ class SampleGate:
         self._survey = survey
         self._sampling = sampling
         self._sensor = sensor
+        self._transform = transform_of(sensor)
         self._last_point: FloatArray | None = None
         self.refused: Counter[str] = Counter()
 
@@ -45,6 +47,9 @@ class SampleGate:
             return "the vehicle is not sure of its position"
         if not self._sensor.minimum <= observation.value <= self._sensor.maximum:
             return "outside the sensor's range"
+        untransformable = self._transform.refusal(observation.value)
+        if untransformable is not None:
+            return untransformable
         if (vehicle.groundspeed_mps or 0.0) < self._sampling.minimum_speed_mps:
             return "not under way"
         if not self._survey.contains(float(point[0]), float(point[1])):

@@ -15,6 +15,7 @@ from autonomy.config.types import (
     Bound,
     Endpoint,
     FilePath,
+    Finite,
     LatticeSide,
     Locator,
     NonNegative,
@@ -119,12 +120,40 @@ class SensorSection(Section):
         description="readings above this are not learnt from",
         json_schema_extra={"unit": "the sensor's", "allowed": "a number, or .inf for no limit"},
     )
+    transform: Literal["none", "log", "logit"] = Field(
+        default="none",
+        description="how readings are made Gaussian before learning: log for what spans decades, logit for what "
+        "lies between two ends; maps and intervals stay in the sensor's unit",
+    )
+    transform_offset: float = Field(
+        default=0.0,
+        allow_inf_nan=False,
+        description="added to readings before log, so that zeros have one",
+        json_schema_extra={"unit": "the sensor's"},
+    )
+    transform_bounds: Annotated[tuple[Finite, Finite], Field(strict=False)] | None = Field(
+        default=None,
+        description="the two ends that readings under logit lie between",
+        json_schema_extra={"unit": "the sensor's"},
+    )
 
     def conflicts(self) -> Iterator[Conflict]:
-        """An empty range would refuse every reading."""
+        """An empty range would refuse every reading; a transform needs its own numbers and no others."""
         if not self.minimum < self.maximum:
             what = f"must be below sensor.maximum ({self.maximum:g}) (got {self.minimum:g})"
             yield Conflict(("minimum", "maximum"), what, "sensor.minimum < sensor.maximum")
+        if self.transform_offset != 0.0 and self.transform != "log":
+            what = f"is for sensor.transform log, not {self.transform}"
+            yield Conflict(("transform_offset", "transform"), what, "0, or sensor.transform: log")
+        bounds = self.transform_bounds
+        if (bounds is not None) != (self.transform == "logit"):
+            what = "is for sensor.transform logit, which needs it"
+            yield Conflict(
+                ("transform_bounds", "transform"), what, "two numbers with logit, null with the others"
+            )
+        elif bounds is not None and not bounds[0] < bounds[1]:
+            what = f"must be a lower and an upper end (got {bounds[0]:g} and {bounds[1]:g})"
+            yield Conflict(("transform_bounds",), what, "[lower, upper], e.g. [0, 40]")
 
 
 class SurveySection(Section):

@@ -78,6 +78,7 @@ Latitude = Annotated[float, Field(ge=-90, le=90, allow_inf_nan=False)]
 Longitude = Annotated[float, Field(ge=-180, le=360, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 Bound = Annotated[float, AfterValidator(_not_nan)]
 # The tree is strict (no text for numbers, no 1 for true), but YAML has neither tuples nor paths.
 FilePath = Annotated[Path, Field(strict=False)]

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit
 
+from autonomy.config import SensorSection
 from autonomy.learning.numbers import FloatArray
 
-__all__ = ["TRANSFORMS", "Identity", "Log", "Logit", "Transform"]
+__all__ = ["TRANSFORMS", "Identity", "Log", "Logit", "Transform", "transform_of"]
 
-# E g(Z) by Gauss–Hermite quadrature: within 1e-6 of the range for standard deviations up to 1.5, 1e-3 up to 4.
+# E g(Z) by Gauss–Hermite quadrature: within 1e-6 of the range for standard deviations up to 2, 1e-3 up to 4.
 _NODES = 32
 
 
@@ -176,6 +177,19 @@ class Logit:
 TRANSFORMS: dict[str, type[Identity] | type[Log] | type[Logit]] = {
     transform.name: transform for transform in (Identity, Log, Logit)
 }
+
+
+def transform_of(sensor: SensorSection) -> Transform:
+    """The transform that the configuration asks for; ValueError if it lacks what that needs."""
+    match sensor.transform:
+        case "none":
+            return Identity()
+        case "log":
+            return Log(sensor.transform_offset)
+        case "logit":
+            if sensor.transform_bounds is None:
+                raise ValueError("sensor.transform logit needs sensor.transform_bounds")
+            return Logit(*sensor.transform_bounds)
 
 
 def _finite(name: str, value: float) -> float:

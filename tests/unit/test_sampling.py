@@ -72,3 +72,23 @@ def test_the_spacing_is_kept_from_the_last_reading_that_was_learnt():
 def test_without_a_spacing_every_reading_teaches():
     gate = Gate(spacing_m=0.0)
     assert all(gate.admit(100.0, 100.0) is not None for _ in range(5))
+
+
+@pytest.mark.parametrize(
+    ("sensor", "good", "bad", "reason"),
+    [
+        (SensorSection(transform="log"), 0.3, 0.0, "the logarithm needs values above 0"),
+        (
+            SensorSection(transform="logit", transform_bounds=(0.0, 40.0)),
+            39.9,
+            40.0,
+            "the logit needs values between 0 and 40, the ends excluded",
+        ),
+    ],
+)
+def test_what_cannot_be_transformed_is_refused_with_the_reason(sensor, good, bad, reason):
+    gate = Gate()
+    gate.gate = SampleGate(SURVEY, SamplingSection(spacing_m=0.0), sensor)
+    assert gate.admit(200.0, 200.0, bad) is None
+    assert gate.gate.refused == {reason: 1}
+    assert gate.admit(200.0, 200.0, good) is not None

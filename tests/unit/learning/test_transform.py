@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
 
+from autonomy.config import SensorSection
 from autonomy.learning.prediction import Prediction
-from autonomy.learning.transform import TRANSFORMS, Identity, Log, Logit, Transform
+from autonomy.learning.transform import TRANSFORMS, Identity, Log, Logit, Transform, transform_of
 
 EVERY: list[Transform] = [Identity(), Log(), Log(0.5), Logit(0.0, 40.0), Logit(-3.0, 1.5)]
 CASES = [(-1.0, 0.3), (0.0, 1.0), (2.5, 0.05), (4.0, 1.4)]
@@ -143,3 +144,10 @@ def test_transforms_are_values_by_name() -> None:
     for transform in EVERY:
         assert type(transform) is TRANSFORMS[transform.name]
         assert pickle.loads(pickle.dumps(transform)) == transform
+
+
+def test_the_configuration_chooses() -> None:
+    assert transform_of(SensorSection()) == Identity()
+    assert transform_of(SensorSection(transform="log", transform_offset=0.01)) == Log(0.01)
+    plume = SensorSection(transform="logit", transform_bounds=(0.0, 40.0))
+    assert transform_of(plume) == Logit(0.0, 40.0)
