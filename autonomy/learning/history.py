@@ -5,19 +5,24 @@ with noise σn²/n.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from autonomy.learning.kernel import FloatArray
+from autonomy.learning.numbers import FloatArray
 
 CELLS_PER_SPAN = 30
 SAMPLES_PER_SLICE = 50
+# A place needs two cells at least, the present and the past: with less memory places are larger.
+_CELLS_PER_PLACE = 2.2
+# No index of a place is larger: it has to fit 64 bits.
+_FARTHEST = 2.0**62
 
-_Key = tuple[int, ...]
+_NONE = -1
+_Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,7 @@ class HistoryCells:
     def __len__(self) -> int:
         return len(self.means)
 
-    def take(self, index: NDArray[np.intp]) -> "HistoryCells":
+    def take(self, index: _Index) -> "HistoryCells":
         """The cells with these indices."""
         return HistoryCells(self.points[index], self.means[index], self.counts[index], self.times_s[index])
 
@@ -40,9 +45,12 @@ class HistoryCells:
 class History:
     """Sums of all readings in cells span/30 wide and 50 samples long, at most `maximum_cells`. Picklable.
 
-    When it is full, neighbouring time slices of one place are merged, the oldest (relative to the time
-    between them) first: a field that does not move loses nothing, and on one that does the remaining ages
-    stay log-spaced. Only when every place has a single slice left are the cells made twice as wide.
+    With fewer than 2000 cells they are wider, so that a square of side `span_m` still has two a place.
+    A place's cells form a chain in the order in which they were begun. When the memory is full, a new cell
+    is paid for by merging the two neighbours in one chain whose ages differ by the smallest factor: a field
+    that does not move loses nothing, and on one that does the ages that remain are log-spaced, so that the
+    old never blurs the recent. Only when every place is down to one cell are the cells made twice as wide.
+    No call takes more than one pass over the cells.
     """
 
     def __init__(self, span_m: float, maximum_cells: int = 2000, dimensions: int = 2) -> None:
@@ -50,16 +58,20 @@ class History:
             raise ValueError(f"span_m must be positive and finite, not {span_m!r}")
         if maximum_cells < 10:
             raise ValueError(f"maximum_cells must be at least 10, not {maximum_cells!r}")
-        self.side_m = span_m / CELLS_PER_SPAN
-        self.maximum_cells = maximum_cells
-        self.dimensions = dimensions
+        self.side_m = span_m / min(CELLS_PER_SPAN, math.isqrt(int(maximum_cells / _CELLS_PER_PLACE)))
+        self.maximum_cells = int(maximum_cells)
+        self.dimensions = int(dimensions)
         self.samples = 0
         self._mean, self._squares = 0.0, 0.0
-        # Key: the place's indices, then the slice. Row: Σx (d), Σy, Σt, n.
-        self._cells: dict[_Key, list[float]] = {}
+        self._used = 0
+        # One row a cell: Σx (d), Σy, Σt, n; the place's indices (d) and the slice; the next younger cell there.
+        self._sums = np.zeros((self.maximum_cells, self.dimensions + 3))
+        self._keys = np.zeros((self.maximum_cells, self.dimensions + 1), dtype=np.int64)
+        self._younger = np.full(self.maximum_cells, _NONE, dtype=np.intp)
+        self._youngest: dict[tuple[int, ...], int] = {}
 
     def __len__(self) -> int:
-        return len(self._cells)
+        return self._used
 
     def add(self, x: ArrayLike, value: float, time_s: float) -> None:
         """Count a reading at `x` (d,) metres and model time `time_s`; ValueError if they are not finite."""
@@ -69,15 +81,17 @@ class History:
         row = [*point.tolist(), float(value), float(time_s), 1.0]
         if not all(map(math.isfinite, row)):
             raise ValueError(f"position, value and time must be finite, not {row[:-1]}")
-        place = tuple(math.floor(c / self.side_m) for c in row[: self.dimensions])
-        key = (*place, self.samples // SAMPLES_PER_SLICE)
-        self.samples += 1
-        deviation = row[self.dimensions] - self._mean
-        self._mean += deviation / self.samples
-        self._squares += deviation * (row[self.dimensions] - self._mean)
-        self._accumulate(key, row)
-        if len(self._cells) > self.maximum_cells:
-            self._shrink(now_s=float(time_s))
+        if max(map(abs, row[: self.dimensions])) > _FARTHEST * self.side_m:
+            raise ValueError(
+                f"position must be within {_FARTHEST:.0e} cells of the origin, not {row[: self.dimensions]}"
+            )
+        part = self.samples // SAMPLES_PER_SLICE
+        self._count(row[self.dimensions])
+        place = self._place(row)
+        cell = self._youngest.get(place, _NONE)
+        if cell == _NONE or self._keys[cell, -1] != part:
+            cell = self._begin(row, part)
+        self._sums[cell] += row
 
     @property
     def variance(self) -> float:
@@ -86,56 +100,130 @@ class History:
 
     def cells(self) -> HistoryCells:
         """Averages of all cells, oldest first."""
-        table = np.array(list(self._cells.values())).reshape(-1, self.dimensions + 3)
-        counts = table[:, -1]
-        averages = table[:, :-1] / counts[:, None]
+        counts = self._sums[: self._used, -1]
+        averages = self._sums[: self._used, :-1] / counts[:, None]
         order = np.argsort(averages[:, -1], kind="stable")
-        averages, counts = averages[order], counts[order]
-        d = self.dimensions
-        return HistoryCells(averages[:, :d].copy(), averages[:, d].copy(), counts, averages[:, d + 1].copy())
+        averages, d = averages[order], self.dimensions
+        return HistoryCells(
+            averages[:, :d].copy(), averages[:, d].copy(), counts[order], averages[:, d + 1].copy()
+        )
 
-    def _accumulate(self, key: _Key, row: list[float]) -> None:
-        cell = self._cells.get(key)
-        if cell is None:
-            self._cells[key] = row
-        else:
-            for i, value in enumerate(row):
-                cell[i] += value
+    def state(self) -> dict[str, Any]:
+        """All there is to remember, as numbers and arrays (copies): what `restore` takes."""
+        return {
+            "side_m": self.side_m,
+            "maximum_cells": self.maximum_cells,
+            "samples": self.samples,
+            "mean": self._mean,
+            "squares": self._squares,
+            "sums": self._sums[: self._used].copy(),
+            "keys": self._keys[: self._used].copy(),
+            "younger": self._younger[: self._used].copy(),
+        }
 
-    def _shrink(self, now_s: float) -> None:
-        """Merge until a tenth is free, so that the sorting is paid once in many readings."""
-        target = self.maximum_cells - self.maximum_cells // 10
-        while len(self._cells) > target:
-            if not self._merge_slices(now_s, len(self._cells) - target):
-                self._coarsen()
+    @classmethod
+    def restore(cls, state: Mapping[str, Any]) -> "History":
+        """The history that gave this `state`, to the last bit; ValueError, saying what, if it cannot be one."""
+        sums = np.array(state["sums"], dtype=np.float64)
+        keys = np.array(state["keys"], dtype=np.int64)
+        younger = np.array(state["younger"], dtype=np.intp)
+        maximum, used = int(state["maximum_cells"]), len(sums)
+        if sums.ndim != 2 or sums.shape[1] < 4 or not np.isfinite(sums).all() or (sums[:, -1] < 1).any():
+            raise ValueError("sums must be finite rows of Σx, Σy, Σt, n with n at least 1")
+        if keys.shape != (used, sums.shape[1] - 2) or younger.shape != (used,) or used > maximum:
+            raise ValueError(
+                f"{used} sums, {len(keys)} keys and {len(younger)} links do not fit {maximum} cells"
+            )
+        links = younger[younger != _NONE]
+        if ((links < 0) | (links >= used)).any() or len(set(links.tolist())) != len(links):
+            raise ValueError("a link must name another cell, and no two the same")
+        history = cls(1.0, maximum, sums.shape[1] - 3)
+        history.side_m = float(state["side_m"])
+        history.samples = int(state["samples"])
+        history._mean, history._squares = float(state["mean"]), float(state["squares"])
+        history._used = used
+        history._sums[:used], history._keys[:used], history._younger[:used] = sums, keys, younger
+        history._find_youngest()
+        return history
 
-    def _merge_slices(self, now_s: float, wanted: int) -> bool:
-        """Merge up to `wanted` disjoint pairs of neighbouring slices; False if no place has two."""
-        keys = sorted(self._cells)
-        ranked = []
-        for first, second in pairwise(keys):
-            if first[:-1] == second[:-1]:
-                early, late = self._time(first), self._time(second)
-                gap, age = abs(late - early), max(now_s - min(early, late), 0.0)
-                ranked.append((gap / age if age > 0 else math.inf, first, second))
-        merged: set[_Key] = set()
-        for _, first, second in sorted(ranked):
-            if wanted == 0:
-                break
-            if first in merged or second in merged:
-                continue
-            merged.update((first, second))
-            self._accumulate(second, self._cells.pop(first))
-            wanted -= 1
-        return bool(ranked)
+    def _count(self, value: float) -> None:
+        self.samples += 1
+        deviation = value - self._mean
+        self._mean += deviation / self.samples
+        self._squares += deviation * (value - self._mean)
 
-    def _time(self, key: _Key) -> float:
-        row = self._cells[key]
-        return row[-2] / row[-1]
+    def _place(self, row: list[float]) -> tuple[int, ...]:
+        return tuple(math.floor(c / self.side_m) for c in row[: self.dimensions])
 
-    def _coarsen(self) -> None:
-        """Double the side of the cells."""
-        cells, self._cells = self._cells, {}
+    def _begin(self, row: list[float], part: int) -> int:
+        """An empty cell at the young end of its place's chain."""
+        while self._used == self.maximum_cells:
+            if not self._merge(now_s=row[self.dimensions + 1]):
+                self._widen()
+        place = self._place(row)
+        before = self._youngest.get(place, _NONE)
+        if before != _NONE and self._keys[before, -1] == part:
+            # Wider cells may have brought one of this slice.
+            return before
+        cell = self._used
+        self._used += 1
+        self._sums[cell] = 0.0
+        self._keys[cell, :-1], self._keys[cell, -1] = place, part
+        self._younger[cell] = _NONE
+        if before != _NONE:
+            self._younger[before] = cell
+        self._youngest[place] = cell
+        return cell
+
+    def _merge(self, now_s: float) -> bool:
+        """Merge the two neighbours whose ages are the most alike; False if no place has two cells."""
+        younger = self._younger[: self._used]
+        first = np.flatnonzero(younger != _NONE)
+        if not len(first):
+            return False
+        times = self._sums[: self._used, -2] / self._sums[: self._used, -1]
+        early, late = times[first], times[younger[first]]
+        # 1 − the ratio of their ages; a pair of which nothing is past yet comes last.
+        gap, age = np.abs(late - early), np.maximum(now_s - np.minimum(early, late), 0.0)
+        alike = np.divide(gap, age, out=np.full(len(first), np.inf), where=age > 0)
+        old = int(first[alike.argmin()])
+        young = int(younger[old])
+        # The older cell's row stays, with the younger one's slice: whoever names it need not be found.
+        self._sums[old] += self._sums[young]
+        self._keys[old, -1] = self._keys[young, -1]
+        self._younger[old] = younger[young]
+        if self._younger[old] == _NONE:
+            self._youngest[tuple(self._keys[old, :-1].tolist())] = old
+        self._vacate(young)
+        return True
+
+    def _vacate(self, row: int) -> None:
+        """Move the last row into this one."""
+        last = self._used - 1
+        self._used = last
+        if row == last:
+            return
+        self._sums[row], self._keys[row] = self._sums[last], self._keys[last]
+        self._younger[row] = self._younger[last]
+        self._younger[: self._used][self._younger[: self._used] == last] = row
+        if self._younger[row] == _NONE:
+            self._youngest[tuple(self._keys[row, :-1].tolist())] = row
+
+    def _widen(self) -> None:
+        """Double the side of the cells; those of one slice that now share a place become one."""
         self.side_m *= 2.0
-        for key, row in cells.items():
-            self._accumulate(cast(_Key, (*(c // 2 for c in key[:-1]), key[-1])), row)
+        keys, sums = self._keys[: self._used].copy(), self._sums[: self._used].copy()
+        keys[:, :-1] //= 2
+        order = np.lexsort(keys.T[[-1, *range(self.dimensions)]])
+        keys, sums = keys[order], sums[order]
+        starts = np.flatnonzero(np.append(True, (np.diff(keys, axis=0) != 0).any(axis=1)))
+        self._used = used = len(starts)
+        self._keys[:used], self._sums[:used] = keys[starts], np.add.reduceat(sums, starts)
+        same = (self._keys[1:used, :-1] == self._keys[: used - 1, :-1]).all(axis=1)
+        self._younger[:used] = np.append(np.where(same, np.arange(1, used), _NONE), _NONE)
+        self._find_youngest()
+
+    def _find_youngest(self) -> None:
+        last = np.flatnonzero(self._younger[: self._used] == _NONE)
+        places = self._keys[last, :-1].tolist()
+        self._youngest = {tuple(place): int(cell) for place, cell in zip(places, last, strict=True)}

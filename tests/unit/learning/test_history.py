@@ -60,7 +60,8 @@ def test_it_stays_bounded_and_loses_no_reading(maximum):
 
 
 def test_old_slices_are_merged_before_young_ones_and_places_stay():
-    history = History(300.0, maximum_cells=100)
+    history = History(60.0, maximum_cells=100)
+    assert history.side_m == 10.0
     for i in range(20_000):
         history.add((5.0 + 10 * (i % 4), 5.0), 1.0, float(i))
     cells = history.cells()
@@ -75,10 +76,54 @@ def test_old_slices_are_merged_before_young_ones_and_places_stay():
 
 
 def test_more_places_than_cells_make_the_cells_wider():
-    history, _ = filled(3000, span=300.0, maximum=200, extent=3000.0)
+    history, _ = filled(3000, span=270.0, maximum=200, extent=3000.0)
     assert len(history) <= 200
-    assert history.side_m in [10.0 * 2**k for k in range(1, 8)]
+    assert history.side_m in [30.0 * 2**k for k in range(1, 8)]
     assert len(history) > 20
+
+
+@pytest.mark.parametrize(
+    ("maximum", "side"), [(10, 150.0), (100, 50.0), (1000, 300 / 21), (2000, 10), (20_000, 10)]
+)
+def test_with_little_memory_cells_are_wider_so_that_a_place_can_have_a_past(maximum, side):
+    history = History(300.0, maximum)
+    assert history.side_m == pytest.approx(side)
+    assert (300.0 / history.side_m) ** 2 * 2 <= maximum
+
+
+def test_a_state_is_a_copy_of_plain_numbers_and_arrays():
+    history, _ = filled(300)
+    state = history.state()
+    assert {type(value) for value in state.values()} == {float, int, np.ndarray}
+    before = history.cells()
+    state["sums"][:] = -1
+    np.testing.assert_array_equal(history.cells().means, before.means)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"sums": np.full((300, 5), np.nan)}, "finite rows"),
+        ({"sums": np.zeros((300, 5))}, "n at least 1"),
+        ({"keys": np.zeros((3, 3))}, "do not fit"),
+        ({"maximum_cells": 20}, "do not fit"),
+        ({"younger": np.full(300, 300)}, "a link must name"),
+        ({"younger": np.full(300, 7)}, "no two the same"),
+    ],
+)
+def test_a_damaged_state_is_refused_and_says_why(change, complaint):
+    history = History(300.0)
+    for i in range(300):
+        history.add((300.0 * i, 0.0), 1.0, float(i))
+    with pytest.raises(ValueError, match=complaint):
+        History.restore(history.state() | change)
+
+
+def test_a_place_beyond_all_seas_is_refused():
+    history = History(300.0)
+    with pytest.raises(ValueError, match="position must be within"):
+        history.add((1e30, 0.0), 1.0, 0.0)
+    assert history.samples == 0
 
 
 def test_it_travels_by_pickle():

@@ -1,0 +1,69 @@
+"""How many basis vectors a field wants, and how many a machine can carry.
+
+A basis has to resolve the shortest length-scale of its kernel. A smooth kernel wants about two basis vectors
+per patch of lx·ly; a Matérn-3/2 kernel, whose samples are rough at every scale, gains up to three to four
+times as many. More cost time and memory and bring nothing.
+
+The state of the filter has D = m · states coordinates. It holds `_STATE_COPIES` matrices of 8·D² bytes (S
+and what a replacement works in) and, for each group of components that move alike, `_FACTOR_COPIES` of
+8·m² (L, its inverse while it is needed, and what a replacement works in). A reading that replaces a basis
+vector costs a few passes over S: `FIXED_US` + `US_PER_ENTRY`·D² microseconds of one core of 2020.
+"""
+
+import math
+from dataclasses import dataclass
+
+from autonomy.learning.kernel import Kernel
+
+FEWEST = 50
+"""Fewer are never chosen: a survey shorter than its length-scales still has a trend and a boundary."""
+
+MOST = 300
+"""More are never chosen: the exact process is within some percent."""
+
+FIXED_US, US_PER_ENTRY = 80.0, 0.01
+
+_PER_PATCH = {"squared_exponential": 2.0, "matern32": 7.0}
+_STATE_COPIES, _FACTOR_COPIES = 4, 5
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What the model may use: `memory_mb` for its state, `update_us` for the slowest kind of reading."""
+
+    memory_mb: float = 64.0
+    update_us: float = 4000.0
+
+    def __post_init__(self) -> None:
+        for name in ("memory_mb", "update_us"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be positive and finite, not {value!r}")
+
+
+def choose_capacity(kernel: Kernel, area_m2: float, budget: Budget, most: int = MOST) -> int:
+    """Basis vectors for `area_m2` of water: what `kernel` wants, as far as `budget` allows.
+
+    Never below `FEWEST`, whatever the budget, and never above `most`. ValueError for an area that is not
+    positive and finite.
+    """
+    if not (math.isfinite(area_m2) and area_m2 > 0):
+        raise ValueError(f"area_m2 must be positive and finite, not {area_m2!r}")
+    wanted = max(
+        _PER_PATCH[component.space.name] * area_m2 / math.prod(component.space.lengthscales_m)
+        for component in kernel.components
+    )
+    allowed = min(affordable(kernel, budget), most)
+    return max(FEWEST, math.ceil(min(wanted, allowed)))
+
+
+def affordable(kernel: Kernel, budget: Budget) -> int:
+    """The largest capacity whose state fits the memory and whose updates fit the time."""
+    by_memory = math.sqrt(budget.memory_mb * 1e6 / state_bytes(kernel, 1))
+    by_time = math.sqrt(max(budget.update_us - FIXED_US, 0.0) / US_PER_ENTRY) / kernel.states
+    return math.floor(min(by_memory, by_time))
+
+
+def state_bytes(kernel: Kernel, capacity: int) -> float:
+    """What a full model of this `capacity` holds in memory, by the model above."""
+    return 8.0 * capacity**2 * (_STATE_COPIES * kernel.states**2 + _FACTOR_COPIES * len(kernel.groups))
