@@ -65,7 +65,7 @@ class Calibration:
         """A reading that was `innovation` above its predicted mean, its predicted variance being `variance`.
 
         `variance` is of the reading, noise included. Where the model works in transformed units, `log_slope` is
-        the transform's log |d forward / d value| at the reading: it makes the density one per sensor unit.
+        the transform's `log_slope` at the reading: it makes the density one per sensor unit.
         ValueError, and no change, for what is not finite or a variance that is not positive.
         """
         if not (math.isfinite(innovation) and math.isfinite(log_slope)):

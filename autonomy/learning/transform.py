@@ -14,7 +14,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit
+from scipy.special import expit, log_expit
 
 from autonomy.config import SensorSection
 from autonomy.learning.numbers import FloatArray
@@ -42,8 +42,11 @@ class Transform(Protocol):
         """Latent units to sensor units."""
         ...
 
-    def log_slope(self, value: float) -> float:
-        """log d forward / d value at `value`: what a log density per sensor unit has more than one per latent unit."""
+    def log_slope(self, latent: float) -> float:
+        """log d forward / d value where the reading is `latent` after the transform.
+
+        A log density per sensor unit is one per latent unit plus this.
+        """
         ...
 
     def moments(self, mean: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -70,7 +73,7 @@ class Identity:
         """The values themselves."""
         return np.asarray(latent, dtype=np.float64)
 
-    def log_slope(self, value: float) -> float:
+    def log_slope(self, latent: float) -> float:
         """0."""
         return 0.0
 
@@ -107,9 +110,9 @@ class Log:
         with np.errstate(over="ignore"):
             return np.exp(np.asarray(latent, dtype=np.float64)) - self.offset
 
-    def log_slope(self, value: float) -> float:
+    def log_slope(self, latent: float) -> float:
         """−log(value + offset)."""
-        return -float(self.forward(value))
+        return -latent
 
     def moments(self, mean: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Those of the log-normal distribution: exp(m + v/2) − offset and (exp(v) − 1) exp(2m + v)."""
@@ -151,13 +154,9 @@ class Logit:
         share: FloatArray = expit(np.asarray(latent, dtype=np.float64))
         return self.lower + (self.upper - self.lower) * share
 
-    def log_slope(self, value: float) -> float:
+    def log_slope(self, latent: float) -> float:
         """log((upper − lower)/((value − lower)(upper − value)))."""
-        reason = self.refusal(value)
-        if reason is not None:
-            raise ValueError(f"{value!r} cannot be transformed: {reason}")
-        ends = math.log(value - self.lower) + math.log(self.upper - value)
-        return math.log(self.upper - self.lower) - ends
+        return -math.log(self.upper - self.lower) - float(log_expit(latent) + log_expit(-latent))
 
     def moments(self, mean: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """By Gauss–Hermite quadrature; they have no closed form."""
