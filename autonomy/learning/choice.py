@@ -1,0 +1,91 @@
+"""The choice among structures: which of them explains the readings best, after penalties. Slow: for the worker."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from autonomy.learning.fitting import Fit, Method, fit
+from autonomy.learning.history import HistoryCells
+from autonomy.learning.kernel import Component, Kernel
+from autonomy.learning.likelihood import Readings
+from autonomy.learning.structures import STRUCTURES, Structure
+
+INCUMBENT_BONUS = 2.0
+# Beyond this many times the elapsed time a time-scale is as good as infinite, but would still let the model forget.
+_STILL_BEYOND = 20.0
+_NEGLIGIBLE_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What `choose` found: the winner's `fit`, all penalised `scores` in nats, and the `starts` of the next."""
+
+    fit: Fit
+    scores: dict[str, float]
+    starts: dict[str, Kernel]
+
+
+def structure(name: str) -> Structure:
+    """The structure of this name; ValueError names those that exist."""
+    try:
+        return STRUCTURES[name]
+    except KeyError:
+        raise ValueError(f"there is no structure {name!r}, only {', '.join(STRUCTURES)}") from None
+
+
+def readings_of(
+    cells: HistoryCells, maximum_points: int, rng: np.random.Generator, mean: float | None = None
+) -> Readings:
+    """At most `maximum_points` random cells as the readings of a fit; `mean` None means unknown."""
+    chosen = np.sort(rng.permutation(len(cells))[:maximum_points])
+    sample = cells.take(chosen)
+    scale = 1.0 / sample.counts
+    return Readings.of(sample.points, sample.means, scale, sample.times_s, "gls" if mean is None else mean)
+
+
+def choose(
+    readings: Readings,
+    candidates: Sequence[str],
+    span_m: float,
+    incumbent: str | None = None,
+    starts: Mapping[str, Kernel] | None = None,
+    method: Method | None = None,
+) -> Choice:
+    """Fit each of the `candidates` (names) and take the one with the highest score less penalty.
+
+    Each begins at its own kernel in `starts` if there is one (the last choice's `starts`); the `incumbent` gets a
+    bonus. Candidates that need more readings, or times, than there are, are passed over; if that leaves none, the
+    first is fitted. Motion that the readings do not ask for is taken out of the winner's kernel. Never raises for
+    degenerate readings; ValueError for unknown or no candidates.
+    """
+    known = [structure(name) for name in candidates]
+    if not known:
+        raise ValueError(f"no candidates: give at least one of {', '.join(STRUCTURES)}")
+    starts = dict(starts or {})
+    able = [s for s in known if _able(s, readings)] or known[:1]
+    fits = {s.name: fit(readings, s, span_m, starts.get(s.name), method) for s in able}
+    scores = {s.name: fits[s.name].score - s.penalty + INCUMBENT_BONUS * (s.name == incumbent) for s in able}
+    winner = fits[max(scores, key=lambda name: scores[name])]
+    starts.update({name: found.kernel for name, found in fits.items() if not found.kept_start})
+    return Choice(replace(winner, kernel=stilled(winner.kernel, readings.elapsed_s)), scores, starts)
+
+
+def stilled(kernel: Kernel, elapsed_s: float) -> Kernel:
+    """The kernel without motion too slow, or of too small a share, for readings that took `elapsed_s`."""
+    moving = [c for c in kernel.components if not math.isinf(c.time.timescale_s)]
+    static = [c for c in kernel.components if math.isinf(c.time.timescale_s)]
+    if static and sum(c.variance for c in moving) < _NEGLIGIBLE_SHARE * kernel.signal_variance:
+        return Kernel(tuple(static), kernel.noise_variance)
+    return Kernel(
+        tuple(
+            Component(c.variance, c.space) if c.time.timescale_s > _STILL_BEYOND * elapsed_s else c
+            for c in kernel.components
+        ),
+        kernel.noise_variance,
+    )
+
+
+def _able(candidate: Structure, readings: Readings) -> bool:
+    return readings.n >= candidate.minimum_points and not (candidate.moves and readings.elapsed_s <= 0)

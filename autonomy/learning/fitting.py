@@ -1,0 +1,230 @@
+"""The fit that finds the parameters of one structure that explain readings best: priors, guards, optimisers.
+
+Slow: for the worker. It works on standardised values and on logarithms; gradient ascent on the raw parameters
+fails nearly always.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import minimize
+
+from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel
+from autonomy.learning.likelihood import Readings
+from autonomy.learning.numbers import positive
+from autonomy.learning.structures import Priors, Scales, Structure
+
+Objective = Literal["loo", "marginal"]
+Optimiser = Literal["lbfgs", "gradient_ascent"]
+# A step of gradient ascent changes no parameter by more than this factor's logarithm.
+_LONGEST_STEP = 1.0
+
+
+@dataclass(frozen=True)
+class Method:
+    """How a fit goes about it. The paper: LOO, gradient ascent with a learning rate (on logarithms), no priors.
+
+    ValueError for names that do not exist and numbers out of range.
+    """
+
+    objective: Objective = "marginal"
+    optimiser: Optimiser = "lbfgs"
+    priors: bool = True
+    iterations: int = 100
+    learning_rate: float = 0.01
+
+    def __post_init__(self) -> None:
+        if self.objective not in ("loo", "marginal"):
+            raise ValueError(f"objective must be 'loo' or 'marginal', not {self.objective!r}")
+        if self.optimiser not in ("lbfgs", "gradient_ascent"):
+            raise ValueError(f"optimiser must be 'lbfgs' or 'gradient_ascent', not {self.optimiser!r}")
+        if self.iterations < 1:
+            raise ValueError(f"iterations must be at least 1, not {self.iterations!r}")
+        positive("learning_rate", self.learning_rate)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a fit found. If there could be none, `kept_start` is true and `message` says why.
+
+    `log_likelihood` is the objective at `kernel`, in nats; `score` adds the log priors (zero at their medians).
+    """
+
+    structure: str
+    kernel: Kernel
+    prior_mean: float
+    log_likelihood: float
+    score: float
+    iterations: int
+    converged: bool
+    message: str
+    kept_start: bool = False
+
+    @property
+    def hyperparameters(self) -> Hyperparameters:
+        """The kernel as `Hyperparameters`; ValueError unless it is one squared-exponential component."""
+        return self.kernel.hyperparameters
+
+
+def fit(
+    readings: Readings,
+    structure: Structure,
+    span_m: float,
+    start: Kernel | None = None,
+    method: Method | None = None,
+) -> Fit:
+    """The kernel of `structure` that explains `readings` best, from `start` or the priors' medians if better.
+
+    `span_m` is the width of the survey, to which the priors of the length-scales are scaled; the others are scaled to
+    the readings. An unknown mean is profiled out of the objective (exactly, so the gradient stays exact) and returned
+    as the generalised-least-squares estimate, held within the readings' range. Gradient ascent begins at `start` if
+    given and cannot diverge: a step that lowers the objective is taken back and the learning rate halved, and no
+    step is longer than one. The result is equivariant under y + c and y·s. Never returns NaN and never raises for
+    degenerate readings: see `Fit`. ValueError for a structure that moves and readings without times.
+    """
+    method = method or Method()
+    if structure.moves and readings.times_s is None:
+        raise ValueError(f"{structure.name} moves: it needs readings with times")
+    reason = readings.unfit()
+    if not reason and structure.moves and readings.elapsed_s <= 0:
+        reason = "all readings were taken at one time"
+    if reason:
+        return _kept(readings, structure, span_m, start, reason)
+    standard, unit = standardised(readings)
+    target = _Target(standard, structure, span_m, method)
+    theta = target.begin(None if start is None else scaled(start, 1.0 / unit**2))
+    if not math.isfinite(target(theta)[0]):
+        return _kept(readings, structure, span_m, start, "the objective is not finite at the start")
+    climb = _lbfgs if method.optimiser == "lbfgs" else _gradient_ascent
+    best, count, converged, message = climb(target, theta, method)
+    kernel = structure.kernel(best)
+    jacobian = readings.n * math.log(unit)
+    return Fit(
+        structure=structure.name,
+        kernel=scaled(kernel, unit**2),
+        prior_mean=_restored_mean(readings, standard, unit, kernel),
+        log_likelihood=target.likelihood(best)[0] - jacobian,
+        score=target(best)[0] - jacobian,
+        iterations=count,
+        converged=converged,
+        message=message,
+    )
+
+
+def standardised(readings: Readings) -> tuple[Readings, float]:
+    """The readings in units of their own deviation, without their mean if it is unknown; and that unit."""
+    centred = readings.y - readings.y.mean() if readings.unknown_mean else readings.y
+    # In two steps: squares of huge values would overflow.
+    largest = float(np.abs(centred).max())
+    unit = largest * math.sqrt(float(np.mean((centred / largest) ** 2)))
+    return replace(readings, y=centred / unit, fixed_mean=0.0), unit
+
+
+def scaled(kernel: Kernel, factor: float) -> Kernel:
+    """The kernel with all variances times `factor`."""
+    components = tuple(replace(c, variance=c.variance * factor) for c in kernel.components)
+    return Kernel(components, kernel.noise_variance * factor)
+
+
+def _restored_mean(readings: Readings, standard: Readings, unit: float, kernel: Kernel) -> float:
+    if not readings.unknown_mean:
+        return readings.fixed_mean
+    return float(readings.y.mean()) + unit * standard.prior_mean(kernel)
+
+
+def _kept(readings: Readings, structure: Structure, span_m: float, start: Kernel | None, reason: str) -> Fit:
+    if start is None:
+        variance = float(readings.y.var()) if readings.n else 0.0
+        largest = float(np.abs(readings.y).max()) if readings.n else 0.0
+        floor = (1e-9 * (largest or 1.0)) ** 2
+        elapsed_s = readings.elapsed_s or 1.0
+        start = structure.median(Scales(span_m, max(variance, floor) if readings.n else 1.0, elapsed_s))
+    mean = readings.plain_mean()
+    return Fit(structure.name, start, mean, -math.inf, -math.inf, 0, False, reason, kept_start=True)
+
+
+class _Target:
+    """What the optimiser climbs: objective plus log prior, as a function of a structure's parameters."""
+
+    def __init__(self, problem: Readings, structure: Structure, span_m: float, method: Method) -> None:
+        self._objective: Callable[[Kernel], tuple[float, FloatArray]] = (
+            problem.loo if method.objective == "loo" else problem.marginal
+        )
+        self._structure = structure
+        self._elapsed_s = problem.elapsed_s
+        self._medians = structure.priors(Scales(span_m, 1.0, self._elapsed_s))
+        self._priors: Priors | None = self._medians if method.priors else None
+        extent = float(np.ptp(problem.x, axis=0).max())
+        self.bounds = structure.bounds(Scales(extent, 1.0, self._elapsed_s))
+
+    def begin(self, start: Kernel | None) -> FloatArray:
+        """The start, or the priors' medians if those explain the readings better; without priors the start."""
+        median = self._within(self._medians.median)
+        if start is None:
+            return median
+        first = self._within(self._structure.parameters(start, self._elapsed_s))
+        if self._priors is None or self(first)[0] >= self(median)[0]:
+            return first
+        return median
+
+    def _within(self, theta: FloatArray) -> FloatArray:
+        result: FloatArray = np.clip(theta, self.bounds[:, 0], self.bounds[:, 1])
+        return result
+
+    def likelihood(self, theta: FloatArray) -> tuple[float, FloatArray]:
+        """The objective without the priors."""
+        value, gradient = self._objective(self._structure.kernel(theta))
+        return value, self._structure.chain(theta, gradient)
+
+    def __call__(self, theta: FloatArray) -> tuple[float, FloatArray]:
+        """Value and gradient; minus infinity where the covariance is singular."""
+        try:
+            value, gradient = self.likelihood(theta)
+        except np.linalg.LinAlgError:
+            return -math.inf, np.zeros_like(theta)
+        if self._priors is not None:
+            density, slope = self._priors.log_density(theta)
+            value, gradient = value + density, gradient + slope
+        if not (math.isfinite(value) and np.isfinite(gradient).all()):
+            return -math.inf, np.zeros_like(theta)
+        return value, gradient
+
+
+_Climbed = tuple[FloatArray, int, bool, str]
+
+
+def _lbfgs(target: _Target, theta: FloatArray, method: Method) -> _Climbed:
+    best_value, best = -math.inf, theta
+
+    def descend(point: FloatArray) -> tuple[float, FloatArray]:
+        nonlocal best_value, best
+        value, gradient = target(point)
+        if value > best_value:
+            best_value, best = value, point.copy()
+        # L-BFGS cannot digest infinities: a wall that is higher than anything seen makes its line search
+        # step back.
+        return (1e100, gradient) if value == -math.inf else (-value, -gradient)
+
+    options = {"maxiter": method.iterations}
+    result = minimize(descend, theta, jac=True, method="L-BFGS-B", bounds=target.bounds, options=options)
+    return best, int(result.nit), bool(result.success), str(result.message)
+
+
+def _gradient_ascent(target: _Target, theta: FloatArray, method: Method) -> _Climbed:
+    rate = method.learning_rate
+    value, gradient = target(theta)
+    for count in range(method.iterations):
+        step = rate * gradient
+        step *= min(1.0, _LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
+        trial = np.clip(theta + step, target.bounds[:, 0], target.bounds[:, 1])
+        if float(np.abs(trial - theta).max()) < 1e-6:
+            return theta, count, True, "the steps have become negligible"
+        trial_value, trial_gradient = target(trial)
+        if trial_value >= value:
+            theta, value, gradient = trial, trial_value, trial_gradient
+        else:
+            rate *= 0.5
+    return theta, method.iterations, False, "the iterations are used up"
