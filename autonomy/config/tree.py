@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 from autonomy.config.types import (
     AREA_FORMS,
     ENDPOINT_FORMS,
+    LIMIT_FORMS,
     LOCATOR_FORMS,
     Area,
     Bound,
@@ -17,6 +18,7 @@ from autonomy.config.types import (
     FilePath,
     Finite,
     LatticeSide,
+    Limit,
     Locator,
     NonNegative,
     Positive,
@@ -191,6 +193,95 @@ class SamplingSection(Section):
     pairing_gap_s: Positive = Field(
         default=1.0, description="a reading further than this in time from a position fix is dropped"
     )
+
+
+class QualitySection(Section):
+    """Tests of every reading (QARTOD): flags that go with it, and which flags teach the model."""
+
+    learn_from: Literal["good", "good_and_suspect"] = Field(
+        default="good", description="flags of the readings that teach; failed and missing ones never do"
+    )
+    gap_s: Positive | None = Field(
+        default=None,
+        description="pause after which readings are missing, and a reading held back for the next one is let go; "
+        "null: five times the usual interval, and at least 2 s",
+    )
+    suspect_minimum: Bound = Field(
+        default=float("-inf"),
+        description="readings below this are suspect; those below sensor.minimum fail",
+        json_schema_extra={"unit": "the sensor's", "allowed": "a number, or -.inf for no limit"},
+    )
+    suspect_maximum: Bound = Field(
+        default=float("inf"),
+        description="readings above this are suspect; those above sensor.maximum fail",
+        json_schema_extra={"unit": "the sensor's", "allowed": "a number, or .inf for no limit"},
+    )
+    location_margin_m: NonNegative | None = Field(
+        default=None,
+        description="readings further than this outside the survey area fail; null: the longer side of the area",
+    )
+    maximum_speed_mps: Positive | None = Field(
+        default=None,
+        description="places that take a higher speed to get to fail; null: eight times the usual speed, "
+        "and at least 15 m/s",
+    )
+    spike_suspect: Limit | None = Field(
+        default=None,
+        description="height over both neighbours above which a reading is suspect; null: five standard deviations "
+        "of the noise, estimated from the usual step between readings",
+        json_schema_extra={"unit": "the sensor's", "allowed": LIMIT_FORMS},
+    )
+    spike_fail: Limit | None = Field(
+        default=None,
+        description="height over both neighbours above which a reading fails; null: ten standard deviations",
+        json_schema_extra={"unit": "the sensor's", "allowed": LIMIT_FORMS},
+    )
+    rate_suspect_per_s: Limit | None = Field(
+        default=None,
+        description="change since the last good reading, per second, above which a reading is suspect; null: ten "
+        "standard deviations of the noise or one of the last ten minutes' readings, whichever is more",
+        json_schema_extra={"unit": "the sensor's, per second", "allowed": LIMIT_FORMS},
+    )
+    rate_fail_per_s: Limit | None = Field(
+        default=None,
+        description="change since the last good reading, per second, above which a reading fails; null: twice as much",
+        json_schema_extra={"unit": "the sensor's, per second", "allowed": LIMIT_FORMS},
+    )
+    flat_tolerance: NonNegative = Field(
+        default=0.0,
+        description="readings that differ by no more than this count as the same",
+        json_schema_extra={"unit": "the sensor's"},
+    )
+    flat_suspect_s: Limit | None = Field(
+        default=None,
+        description="time for which a reading may stay the same before it is suspect; null: more repeats than come "
+        "by chance once in a million readings, and at least ten",
+        json_schema_extra={"allowed": LIMIT_FORMS},
+    )
+    flat_fail_s: Limit | None = Field(
+        default=None,
+        description="time for which a reading may stay the same before it fails; null: twice as many repeats",
+        json_schema_extra={"allowed": LIMIT_FORMS},
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """What fails is suspect too."""
+        if not self.suspect_minimum < self.suspect_maximum:
+            what = f"must be below quality.suspect_maximum ({self.suspect_maximum:g}) (got {self.suspect_minimum:g})"
+            yield Conflict(
+                ("suspect_minimum", "suspect_maximum"),
+                what,
+                "quality.suspect_minimum < quality.suspect_maximum",
+            )
+        for suspect, fail in (
+            ("spike_suspect", "spike_fail"),
+            ("rate_suspect_per_s", "rate_fail_per_s"),
+            ("flat_suspect_s", "flat_fail_s"),
+        ):
+            low, high = getattr(self, suspect), getattr(self, fail)
+            if low is not None and high is not None and low > high:
+                what = f"must be at most quality.{fail} ({high:g}) (got {low:g})"
+                yield Conflict((suspect, fail), what, f"quality.{suspect} <= quality.{fail}")
 
 
 class HyperparametersSection(Section):
@@ -374,6 +465,7 @@ class Configuration(Section):
     sensor: SensorSection = SensorSection()
     survey: SurveySection
     sampling: SamplingSection = SamplingSection()
+    quality: QualitySection = QualitySection()
     model: ModelSection = ModelSection()
     estimation: EstimationSection = EstimationSection()
     exploration: ExplorationSection = ExplorationSection()

@@ -13,6 +13,7 @@ from autonomy.endpoints import check_endpoint, parse_link
 
 ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD"
 LOCATOR_FORMS = "PROTOCOL/HOST:PORT with protocol tcp, udp, tls, quic or ws"
+LIMIT_FORMS = "a number above 0, .inf for no limit, or null"
 AREA_FORMS = "at least 3 [latitude, longitude] pairs in order round the area, or a file of GeoJSON polygons"
 _MAXIMUM_SPAN_DEG = 20.0
 
@@ -80,6 +81,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Bound = Annotated[float, AfterValidator(_not_nan)]
+Limit = Annotated[float, Field(gt=0)]
 # The tree is strict (no text for numbers, no 1 for true), but YAML has neither tuples nor paths.
 FilePath = Annotated[Path, Field(strict=False)]
 Corner = Annotated[tuple[Latitude, Longitude], Field(strict=False)]
