@@ -321,7 +321,7 @@ class Core:
             replaced=learner.replaced_since_mark,
             path_finished=self._helm.path_finished,
             cells=len(learner.history),
-            spread=learner.history.variance / learner.gp.hyperparameters.signal_variance
+            spread=learner.history.variance / learner.gp.kernel.signal_variance
             if learner.born
             else 0.0,
         )

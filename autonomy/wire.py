@@ -306,6 +306,6 @@ def _decode_model(blob: bytes) -> FieldModel:
         model = snapshot.decode(blob)
     except ValueError as error:
         raise WireError(f"model: model: {error}") from None
-    if model.hyperparameters.dimensions != 2:
-        raise WireError(f"model: model: must have two axes (got {model.hyperparameters.dimensions})")
+    if model.kernel.dimensions != 2:
+        raise WireError(f"model: model: must have two axes (got {model.kernel.dimensions})")
     return model

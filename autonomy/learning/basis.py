@@ -1,34 +1,48 @@
-"""Which places carry the field, and the factor of their prior covariance."""
+"""Which places carry the field, and the factors of their prior covariance."""
 
 import math
 
 import numpy as np
 
-from autonomy.learning.kernel import FloatArray, Hyperparameters, covariance
+from autonomy.learning.kernel import FloatArray, Group, Kernel
 
 
-def prior_factor(basis: FloatArray, h: Hyperparameters, jitter: float) -> FloatArray:
-    """L (m, m), lower triangular, with L Lᵀ = K_BB + jitter·σf²·I. Raises LinAlgError if that is singular."""
-    K = covariance(basis, basis, h)
-    K.ravel()[:: len(basis) + 1] += jitter * h.signal_variance
+def prior_factor(basis: FloatArray, group: Group, jitter: float) -> FloatArray:
+    """L (m, m), lower triangular, with L Lᵀ = K_BB + jitter·σ²·I for one group of components.
+
+    In column order. Raises LinAlgError if that is singular.
+    """
+    K = group.covariance(basis, basis)
+    K.ravel()[:: len(basis) + 1] += jitter * group.variance
     return np.asfortranarray(np.linalg.cholesky(K))
 
 
-def select_basis(points: FloatArray, h: Hyperparameters, capacity: int, novelty: float) -> list[int]:
+def prior_factors(basis: FloatArray, kernel: Kernel, jitter: float) -> tuple[FloatArray, ...]:
+    """The factor of each group of components (see `prior_factor`)."""
+    return tuple(prior_factor(basis, group, jitter) for group in kernel.groups)
+
+
+def select_basis(points: FloatArray, kernel: Kernel, capacity: int, novelty: float) -> list[int]:
     """Indices of at most `capacity` of `points` (N, d) by pivoted Cholesky, the worst explained first.
 
-    Stops when no point has more than novelty·σf² of its variance left.
+    What the chosen leave unexplained of a place is summed over the groups, as the filter sums it. Stops
+    when no point has more than novelty·σf² of its variance left.
     """
-    remaining = np.full(len(points), h.signal_variance)
-    rows = np.zeros((min(capacity, len(points)), len(points)))
+    groups, steps = kernel.groups, min(capacity, len(points))
+    remaining = np.array([np.full(len(points), group.variance) for group in groups])
+    rows = np.zeros((len(groups), steps, len(points)))
+    floor = max(novelty, 1e-12) * kernel.signal_variance
     chosen: list[int] = []
-    for step in range(len(rows)):
-        pivot = int(remaining.argmax())
-        if remaining[pivot] <= max(novelty, 1e-12) * h.signal_variance:
+    for step in range(steps):
+        total = remaining.sum(axis=0)
+        pivot = int(total.argmax())
+        if total[pivot] <= floor:
             break
-        row = covariance(points[pivot : pivot + 1], points, h)[0] - rows[:step, pivot] @ rows[:step]
-        rows[step] = row / math.sqrt(remaining[pivot])
-        remaining -= rows[step] ** 2
-        remaining[pivot] = 0.0
+        for left, known, group in zip(remaining, rows, groups, strict=True):
+            if left[pivot] > 1e-12 * group.variance:
+                row = group.covariance(points[pivot : pivot + 1], points)[0]
+                known[step] = (row - known[:step, pivot] @ known[:step]) / math.sqrt(left[pivot])
+                left -= known[step] ** 2
+            left[pivot] = 0.0
         chosen.append(pivot)
     return chosen

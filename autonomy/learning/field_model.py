@@ -1,6 +1,7 @@
 """The frozen posterior over the field: what the planner's worker, the disk and the shore get."""
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -9,17 +10,14 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpstrf
 
-from autonomy.learning.kernel import (
-    FloatArray,
-    Hyperparameters,
-    as_points,
-    as_vector,
-    axis_factor,
-    covariance,
-)
+from autonomy.learning import motion
+from autonomy.learning.grids import GridCovariance
+from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel, as_points, as_vector
 
-# Columns of the kernel handled at once: 2 MB stay in the cache, which is worth more than longer GEMMs.
+# Entries of the covariance handled at once: 2 MB stay in the cache, which is worth more than longer GEMMs.
 _CHUNK_BYTES = 2_000_000
+# Columns of a map handled at once: the tables along its edges stay small on any map.
+_STRIP = 1024
 # Eigen-directions of I − S below this carry nothing: variances change by less than 1e-12 of the signal
 # variance each.
 _RANK_TOLERANCE = 1e-12
@@ -38,131 +36,187 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class FieldModel:
-    """A posterior in whitened form: f_B = prior_mean + L v, v ~ N(μ, S), L Lᵀ = K_BB + jitter·σf²·I.
+    """A posterior in whitened form: f_g(B) = L_g z_{g,0}, z ~ N(μ, S), for each group g of the kernel's components.
 
-    `basis` (m, d) metres, `factor` L (m, m) lower triangular, `whitened_mean` μ (m,), `whitened_covariance`
-    S (m, m). Between basis vectors the field follows the prior's conditional p(f | f_B). m = 0 is the prior
-    itself.
+    `basis` (m, d) metres; `factors`, one L_g (m, m) for each group, lower triangular, L_g L_gᵀ = K_g,BB +
+    jitter·σ_g²·I; `whitened_mean` μ (D,), `whitened_covariance` S (D, D), D = m × the kernel's states: block
+    after block of m, group by group, and in a group state by state, of which the first is the field. The
+    field is prior_mean + Σ_g f_g; between basis vectors it follows the prior's conditional p(f | f_B). m = 0
+    is the prior itself. ValueError for shapes that do not fit.
     """
 
-    hyperparameters: Hyperparameters
+    kernel: Kernel
     prior_mean: float
     jitter: float
     basis: FloatArray
-    factor: FloatArray = field(repr=False)
+    factors: tuple[FloatArray, ...] = field(repr=False)
     whitened_mean: FloatArray = field(repr=False)
     whitened_covariance: FloatArray = field(repr=False)
 
     def __post_init__(self) -> None:
-        m = len(self.basis)
-        shapes = {
-            "basis": (m, self.hyperparameters.dimensions),
-            "factor": (m, m),
-            "whitened_mean": (m,),
-            "whitened_covariance": (m, m),
-        }
-        for name, shape in shapes.items():
-            array = getattr(self, name)
+        m, size = len(self.basis), len(self.basis) * self.kernel.states
+        if len(self.factors) != len(self.kernel.groups):
+            raise ValueError(
+                f"factors must be {len(self.kernel.groups)}, one for each group, not {len(self.factors)}"
+            )
+        checked = [
+            ("basis", self.basis, (m, self.kernel.dimensions)),
+            ("whitened_mean", self.whitened_mean, (size,)),
+            ("whitened_covariance", self.whitened_covariance, (size, size)),
+            *((f"factors[{g}]", factor, (m, m)) for g, factor in enumerate(self.factors)),
+        ]
+        for name, array, shape in checked:
             if array.shape != shape:
                 raise ValueError(f"{name} must have shape {shape}, not {array.shape}")
             array.flags.writeable = False
 
     @classmethod
     def prior(
-        cls, hyperparameters: Hyperparameters, prior_mean: float = 0.0, jitter: float = 1e-8
+        cls, kernel: Kernel | Hyperparameters, prior_mean: float = 0.0, jitter: float = 1e-8
     ) -> "FieldModel":
         """The belief before any reading."""
-        d = hyperparameters.dimensions
-        empty = np.zeros((0, 0))
-        return cls(hyperparameters, prior_mean, jitter, np.zeros((0, d)), empty, np.zeros(0), empty.copy())
+        kernel = kernel if isinstance(kernel, Kernel) else kernel.kernel
+        factors = tuple(np.zeros((0, 0)) for _ in kernel.groups)
+        nothing = (np.zeros((0, kernel.dimensions)), factors, np.zeros(0), np.zeros((0, 0)))
+        return cls(kernel, prior_mean, jitter, *nothing)
 
     def __len__(self) -> int:
         return len(self.basis)
 
     def __getstate__(self) -> dict[str, Any]:
-        # What is computed on demand need not travel to the worker.
-        return {item.name: getattr(self, item.name) for item in fields(self)}
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self.__post_init__()
 
-    @cached_property
-    def alpha(self) -> FloatArray:
-        """L⁻ᵀμ (m,): the mean of the field is prior_mean + k(x, B) alpha."""
-        if not len(self):
-            return np.zeros(0)
-        result: FloatArray = solve_triangular(self.factor, self.whitened_mean, trans="T", lower=True)
-        return result
+    def advanced(self, dt_s: float) -> "FieldModel":
+        """The belief `dt_s` seconds later, nothing having been read. ValueError for negative or non-finite times."""
+        state = np.empty((len(self.whitened_mean) + 1, len(self.whitened_mean)), order="F")
+        state[:-1], state[-1] = self.whitened_covariance, self.whitened_mean
+        motion.advance(state, self.kernel.groups, dt_s)
+        return replace(
+            self, whitened_mean=state[-1].copy(), whitened_covariance=np.asfortranarray(state[:-1])
+        )
 
     @cached_property
     def _reduction(self) -> FloatArray:
-        """T (r, m) with TᵀT = L⁻ᵀ(I − S)L⁻¹: var f(x) = σf² − |T k(B, x)|².
+        """Rows T (r, G·m) above one row w (G·m,), for k the stacked k_g(B, x): var f(x) = σf² − |T k|², mean wᵀk.
 
-        One GEMM instead of a triangular solve and a GEMM. Squares of a factor cannot go wrong the way the
-        difference L⁻ᵀ(I − S)L⁻¹ itself does, whose entries are as large as 1/jitter.
+        TᵀT = F⁻ᵀ(I − S)F⁻¹ with F the block diagonal of the L_g and S the covariance of the z_{g,0}. One GEMM
+        instead of a triangular solve and a GEMM. Squares of a factor cannot go wrong the way the difference
+        F⁻ᵀ(I − S)F⁻¹ itself does, whose entries are as large as 1/jitter.
         """
-        m = len(self)
-        if m == 0:
-            return np.zeros((0, 0))
-        gain = np.eye(m) - self.whitened_covariance
+        m, groups = len(self), self.kernel.groups
+        first = np.cumsum([0] + [group.time.states for group in groups[:-1]])
+        coordinates = (first[:, None] * m + np.arange(m)).ravel()
+        gain = np.eye(len(coordinates)) - self.whitened_covariance[np.ix_(coordinates, coordinates)]
+        if not len(gain):
+            return np.zeros((1, 0))
         packed, pivots, rank, _ = dpstrf(gain, tol=_RANK_TOLERANCE, lower=1)
-        root = np.empty((m, rank))
-        root[pivots - 1] = np.tril(packed)[:, :rank]
-        reduction = solve_triangular(self.factor, root, trans="T", lower=True).T
-        return np.ascontiguousarray(reduction)
+        root = np.empty((len(gain), rank + 1))
+        root[pivots - 1, :rank] = np.tril(packed)[:, :rank]
+        root[:, rank] = self.whitened_mean[coordinates]
+        for g, factor in enumerate(self.factors):
+            part = root[g * m : (g + 1) * m]
+            part[...] = solve_triangular(factor, part, trans="T", lower=True)
+        return np.ascontiguousarray(root.T)
 
     def predict(self, points: ArrayLike) -> Prediction:
         """Mean and variance of the field at `points` (N, d), each (N,). ValueError for bad shapes or NaN."""
-        points = as_points(points, self.hyperparameters.dimensions)
+        points = as_points(points, self.kernel.dimensions)
         mean = np.full(len(points), self.prior_mean)
-        variance = np.full(len(points), self.hyperparameters.signal_variance)
+        variance = np.full(len(points), self.kernel.signal_variance)
         if len(self):
             for start in range(0, len(points), self._chunk):
                 part = slice(start, start + self._chunk)
-                k = covariance(self.basis, points[part], self.hyperparameters)
-                mean[part] += self.alpha @ k
-                variance[part] -= _column_squares(self._reduction @ k)
+                reduced = self._reduction @ self._stacked(points[part])
+                mean[part] += reduced[-1]
+                variance[part] -= _column_squares(reduced[:-1])
         return Prediction(mean, variance)
 
     def predict_grid(self, x_axis: ArrayLike, y_axis: ArrayLike) -> Prediction:
         """Mean and variance on a grid of metres east and north: shape (len(y_axis), len(x_axis)).
 
-        Two axes only. The kernel separates on a grid, so this costs no exponential per cell.
+        Two axes only. Kernels that separate cost no exponential per cell.
         """
-        h = self.hyperparameters
-        if h.dimensions != 2:
-            raise ValueError(f"predict_grid needs two axes, but the model has {h.dimensions}")
-        x_axis, y_axis = as_vector(x_axis, "x_axis"), as_vector(y_axis, "y_axis")
-        nx, ny = len(x_axis), len(y_axis)
-        mean = np.full((ny, nx), self.prior_mean)
-        variance = np.full((ny, nx), h.signal_variance)
-        if len(self) and nx and ny:
-            east = axis_factor(self.basis[:, 0], x_axis, h.lengthscales_m[0])
-            north = h.signal_variance * axis_factor(self.basis[:, 1], y_axis, h.lengthscales_m[1])
-            mean += (north * self.alpha[:, None]).T @ east
-            rows, columns = max(1, self._chunk // nx), min(nx, self._chunk)
-            for top in range(0, ny, rows):
-                for left in range(0, nx, columns):
-                    block = (slice(top, top + rows), slice(left, left + columns))
-                    k = north[:, block[0], None] * east[:, None, block[1]]
-                    squares = _column_squares(self._reduction @ k.reshape(len(self), -1))
-                    variance[block] -= squares.reshape(k.shape[1:])
+        x_axis, y_axis = self._axes(x_axis, y_axis)
+        mean = np.full((len(y_axis), len(x_axis)), self.prior_mean)
+        variance = np.full((len(y_axis), len(x_axis)), self.kernel.signal_variance)
+        for columns, parts in self._strips(x_axis):
+            for rows, k in self._bands(parts, y_axis, len(x_axis[columns])):
+                reduced = self._reduction @ k
+                shape = mean[rows, columns].shape
+                mean[rows, columns] += reduced[-1].reshape(shape)
+                variance[rows, columns] -= _column_squares(reduced[:-1]).reshape(shape)
         return Prediction(mean, variance)
+
+    def mean_grid(self, x_axis: ArrayLike, y_axis: ArrayLike) -> FloatArray:
+        """The mean alone, as `predict_grid` has it: one small matrix product where the kernel separates."""
+        x_axis, y_axis = self._axes(x_axis, y_axis)
+        mean = np.full((len(y_axis), len(x_axis)), self.prior_mean)
+        weights = self._reduction[-1].reshape(len(self.factors), -1)
+        for columns, parts in self._strips(x_axis):
+            for top in range(0, len(y_axis), _STRIP):
+                rows = slice(top, top + _STRIP)
+                for part, weight in zip(parts, weights, strict=True):
+                    mean[rows, columns] += self._mean(part, weight, y_axis[rows], len(x_axis[columns]))
+        return mean
 
     def covariance(self, points: ArrayLike) -> FloatArray:
         """Posterior covariance (N, N) of the latent field between `points` (N, d)."""
-        points = as_points(points, self.hyperparameters.dimensions)
-        prior = covariance(points, points, self.hyperparameters)
+        points = as_points(points, self.kernel.dimensions)
+        prior = self.kernel.covariance(points, points)
         if not len(self):
             return prior
-        reduced = self._reduction @ covariance(self.basis, points, self.hyperparameters)
+        reduced = self._reduction[:-1] @ self._stacked(points)
         prior -= reduced.T @ reduced
         return prior
 
+    def _stacked(self, points: FloatArray) -> FloatArray:
+        """k_g(B, points), group below group: (G·m, N)."""
+        return np.concatenate([group.covariance(self.basis, points) for group in self.kernel.groups])
+
+    def _axes(self, x_axis: ArrayLike, y_axis: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        if self.kernel.dimensions != 2:
+            raise ValueError(f"a grid needs two axes, but the model has {self.kernel.dimensions}")
+        return as_vector(x_axis, "x_axis"), as_vector(y_axis, "y_axis")
+
+    def _strips(self, x_axis: FloatArray) -> Iterator[tuple[slice, list[GridCovariance]]]:
+        """The map in strips of columns: which, and the covariance of each group with their cells."""
+        for left in range(0, len(x_axis) if len(self) else 0, _STRIP):
+            columns = slice(left, left + _STRIP)
+            yield columns, [GridCovariance(g, self.basis, x_axis[columns]) for g in self.kernel.groups]
+
+    def _bands(
+        self, parts: list[GridCovariance], y_axis: FloatArray, width: int
+    ) -> Iterator[tuple[slice, FloatArray]]:
+        """A strip in bands of rows: which, and the stacked covariance (G·m, cells), overwritten by the next."""
+        m, height = len(self), max(1, self._chunk // width)
+        stacked = np.empty((len(parts), m, height * width))
+        scratch = np.empty((m, height * width))
+        for top in range(0, len(y_axis), height):
+            rows = slice(top, min(top + height, len(y_axis)))
+            cells = (rows.stop - top) * width
+            if cells < stacked.shape[2]:
+                stacked, scratch = np.empty((len(parts), m, cells)), np.empty((m, cells))
+            for part, out in zip(parts, stacked, strict=True):
+                part.fill(out.reshape(m, -1, width), y_axis[rows], scratch.reshape(m, -1, width))
+            yield rows, stacked.reshape(len(parts) * m, cells)
+
+    def _mean(self, part: GridCovariance, weights: FloatArray, y_axis: FloatArray, width: int) -> FloatArray:
+        """weightsᵀ k_g on a strip's rows."""
+        product = part.product(weights, y_axis)
+        if product is not None:
+            return product
+        result = np.empty((len(y_axis), width))
+        for rows, k in self._bands([part], y_axis, width):
+            result[rows] = (weights @ k).reshape(-1, width)
+        return result
+
     @property
     def _chunk(self) -> int:
-        return max(64, _CHUNK_BYTES // (8 * max(1, len(self))))
+        return max(64, _CHUNK_BYTES // (8 * max(1, len(self) * len(self.factors))))
 
 
 def _column_squares(matrix: FloatArray) -> FloatArray:

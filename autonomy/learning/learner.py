@@ -12,7 +12,7 @@ from autonomy.learning.basis import select_basis
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.history import History, HistoryCells
 from autonomy.learning.hyperparameters import Fit, Priors, fit
-from autonomy.learning.kernel import FloatArray, Hyperparameters
+from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 
 _DIMENSIONS = 2
@@ -115,7 +115,7 @@ class Learner:
             self._gp = self._new_gp(hyperparameters, 0.0)
         else:
             # So that a bad capacity, novelty or jitter is told now.
-            self._new_gp(self._prior.hyperparameters, 0.0)
+            self._new_gp(self._prior.kernel, 0.0)
 
     @property
     def born(self) -> bool:
@@ -204,7 +204,7 @@ class Learner:
             basis=gp.basis,
             basis_readings=gp.basis_readings,
             basis_counts=gp.basis_counts,
-            hyperparameters=gp.hyperparameters,
+            hyperparameters=gp.kernel.hyperparameters,
             prior_mean=gp.prior_mean,
             refresh_mean=self._centring_samples > 0,
             span_m=self._span_m,
@@ -241,7 +241,7 @@ class Learner:
         self._gp, self._time_s = result.gp, result.time_s
         self.mark()
 
-    def _new_gp(self, h: Hyperparameters, prior_mean: float) -> SparseOnlineGP:
+    def _new_gp(self, h: Kernel | Hyperparameters, prior_mean: float) -> SparseOnlineGP:
         return SparseOnlineGP(h, self._capacity, self._novelty, self._jitter, prior_mean)
 
     def _give_birth(self) -> Update | None:
@@ -319,7 +319,7 @@ def _rebuild(request: ReestimateRequest, h: Hyperparameters, prior_mean: float) 
     gp = SparseOnlineGP(h, request.capacity, request.novelty, request.jitter, prior_mean)
     cells = request.cells
     novelty = request.novelty * _REBUILD_NOVELTY
-    chosen = np.array(select_basis(cells.points, h, request.capacity, novelty), dtype=np.intp)
+    chosen = np.array(select_basis(cells.points, h.kernel, request.capacity, novelty), dtype=np.intp)
     gp.start_basis(cells.points[chosen], cells.means[chosen], cells.counts[chosen])
     noise = h.noise_variance / cells.counts
     if h.timescale_s == math.inf:

@@ -25,7 +25,7 @@ import numpy as np
 import zstandard
 from scipy.linalg import solve_triangular
 
-from autonomy.learning.basis import prior_factor
+from autonomy.learning.basis import prior_factors
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.kernel import FloatArray, Hyperparameters
 
@@ -61,7 +61,7 @@ def encode(model: FieldModel, metadata: Mapping[str, Scalar] | None = None) -> b
     for name, value in notes.items():
         if not isinstance(name, str) or not isinstance(value, str | int | float | bool):
             raise ValueError(f"metadata[{name!r}] must be text, a number or a truth value, not {value!r}")
-    m, h = len(model), model.hyperparameters
+    m, h = len(model), model.kernel.hyperparameters
     if m > MAXIMUM_BASIS:
         raise ValueError(f"a snapshot holds at most {MAXIMUM_BASIS} basis vectors, not {m}")
     mean, gain = _whitened(model)
@@ -103,8 +103,8 @@ def _whitened(model: FieldModel) -> tuple[FloatArray, FloatArray]:
     m = len(model)
     if m == 0:
         return np.zeros(0), np.zeros((0, 0))
-    fresh = prior_factor(model.basis, model.hyperparameters, model.jitter)
-    change = solve_triangular(fresh, model.factor, lower=True)
+    (fresh,) = prior_factors(model.basis, model.kernel, model.jitter)
+    change = solve_triangular(fresh, model.factors[0], lower=True)
     gain = change @ (np.eye(m) - model.whitened_covariance) @ change.T
     return change @ model.whitened_mean, gain
 
@@ -156,10 +156,10 @@ def _model(document: dict[str, Any]) -> FieldModel:
     if float(np.abs(gain).max()) > 1.001 or float(np.diagonal(gain).min()) < -0.001:
         raise SnapshotError("gain: its entries leave the range that a covariance allows")
     try:
-        factor = prior_factor(basis, h, jitter)
+        factors = prior_factors(basis, h.kernel, jitter)
     except np.linalg.LinAlgError as error:
         raise SnapshotError(f"basis: its covariance is singular ({error})") from error
-    return FieldModel(h, prior_mean, jitter, basis, factor, mean, np.eye(m) - gain)
+    return FieldModel(h.kernel, prior_mean, jitter, basis, factors, mean, np.eye(m) - gain)
 
 
 def _hyperparameters(document: dict[str, Any]) -> Hyperparameters:

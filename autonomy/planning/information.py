@@ -27,7 +27,7 @@ def measurement_covariance(model: "FieldModel", sites_m: ArrayLike) -> FloatArra
     """
     latent = np.asarray(model.covariance(np.asarray(sites_m, dtype=float)), dtype=float)
     S = 0.5 * (latent + latent.T)
-    S[np.diag_indices_from(S)] += model.hyperparameters.noise_variance
+    S[np.diag_indices_from(S)] += model.kernel.noise_variance
     return np.asarray(S)
 
 

@@ -154,7 +154,7 @@ class _Watch:
 
 def _fields(model: ModelSnapshot, view: VehicleView) -> dict[str, Any]:
     """What a snapshot says, for programs; `age_s` compares UTC with this machine's clock."""
-    h = model.model.hyperparameters
+    h = model.model.kernel.hyperparameters
     return {
         "vehicle": model.vehicle,
         "sequence": model.sequence,

@@ -190,5 +190,5 @@ def test_a_scale_guessed_from_the_first_metres_is_mended_long_before_the_path_en
     finished = voyage.core._helm.path_finished
     voyage.until("re-estimated")
     assert not finished
-    h = voyage.core._learner.gp.hyperparameters
+    h = voyage.core._learner.gp.kernel.hyperparameters
     assert voyage.core._learner.history.variance < 4.0 * h.signal_variance

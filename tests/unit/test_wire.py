@@ -134,7 +134,7 @@ def test_a_model_comes_back_with_its_place_on_earth():
     for field in dataclasses.fields(ModelSnapshot):
         if field.name != "model":
             assert getattr(back, field.name) == getattr(MODEL, field.name)
-    assert back.model.hyperparameters == MODEL.model.hyperparameters
+    assert back.model.kernel == MODEL.model.kernel
     points = np.array([[0.0, 0.0], [5.0, 5.0]])
     np.testing.assert_allclose(back.model.predict(points).mean, MODEL.model.predict(points).mean)
 

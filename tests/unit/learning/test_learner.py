@@ -60,8 +60,8 @@ def test_before_birth_it_believes_a_prior_good_enough_for_a_first_plan():
     assert [learner.add((i, 0.0), 33.5, float(i)) for i in range(19)] == [None] * 19
     model = learner.model()
     assert len(model) == len(learner.basis) == learner.fresh_count == 0
-    assert model.hyperparameters.signal_variance == 1.0
-    assert model.hyperparameters.lengthscales_m == (SPAN / 6, SPAN / 6)
+    assert model.kernel.hyperparameters.signal_variance == 1.0
+    assert model.kernel.hyperparameters.lengthscales_m == (SPAN / 6, SPAN / 6)
     with pytest.raises(RuntimeError, match="19 of 20"):
         _ = learner.gp
     with pytest.raises(RuntimeError, match="not born"):
@@ -71,7 +71,7 @@ def test_before_birth_it_believes_a_prior_good_enough_for_a_first_plan():
 def test_at_birth_the_first_readings_tell_offset_and_scale_and_are_all_learnt():
     _, x, y = survey(0, 40)
     learner = taught(Learner(SPAN), x, y)
-    h = learner.gp.hyperparameters
+    h = learner.gp.kernel.hyperparameters
     assert learner.gp.prior_mean == pytest.approx(y[:20].mean())
     assert h.signal_variance == pytest.approx(y[:20].var())
     assert h.noise_variance == pytest.approx(0.01 * y[:20].var())
@@ -86,7 +86,7 @@ def test_at_birth_the_first_readings_tell_offset_and_scale_and_are_all_learnt():
 def test_given_hyperparameters_apply_to_centred_readings():
     _, x, y = survey(1, 25)
     learner = taught(Learner(SPAN, hyperparameters=TRUE), x, y)
-    assert learner.gp.hyperparameters == TRUE
+    assert learner.gp.kernel.hyperparameters == TRUE
     assert learner.gp.prior_mean == pytest.approx(y[:20].mean())
 
 
@@ -285,7 +285,7 @@ def test_birth_from_many_readings_is_spread_over_slices():
     assert learner.behind >= 480
     taught(learner, x[500:], y[500:], start=500)
     caught_up(learner)
-    by_hand = SparseOnlineGP(learner.gp.hyperparameters, 300, prior_mean=float(y[:500].mean()))
+    by_hand = SparseOnlineGP(learner.gp.kernel.hyperparameters, 300, prior_mean=float(y[:500].mean()))
     for point, value in zip(x, y, strict=True):
         by_hand.update(point, value)
     np.testing.assert_allclose(learner.model().predict(x).mean, by_hand.predict(x).mean, atol=1e-12)
@@ -364,7 +364,7 @@ def test_too_few_points_keep_the_hyperparameters_and_say_so():
     learner = Learner(SPAN, centring_samples=5)
     for i in range(10):
         learner.add((100.0 * i, 50.0), float(i), float(i))
-    before = learner.gp.hyperparameters, learner.gp.prior_mean
+    before = learner.gp.kernel.hyperparameters, learner.gp.prior_mean
     result = reestimate(learner.reestimate_request(0, OPTIONS))
     assert (result.hyperparameters, result.prior_mean) == before
     assert result.fit.kept_start
@@ -403,7 +403,7 @@ def test_degenerate_readings_break_nothing(case, data):
     taught(learner, x, y, start=200)
     prediction = learner.model().predict(grid())
     assert np.isfinite(prediction.mean).all()
-    assert (prediction.variance >= -1e-6 * learner.gp.hyperparameters.signal_variance).all()
+    assert (prediction.variance >= -1e-6 * learner.gp.kernel.hyperparameters.signal_variance).all()
     assert learner.model().predict([[7.0, 7.0]]).mean[0] == pytest.approx(y.mean(), abs=4)
 
 
@@ -413,7 +413,7 @@ def test_a_field_that_forgets_is_rebuilt_in_the_order_of_time():
     learner = taught(Learner(SPAN, hyperparameters=h), x, y)
     streamed = learner.model().predict(x[-40:])
     learner.adopt(reestimate(learner.reestimate_request(0, EstimationSection(maximum_points=20))))
-    assert learner.gp.hyperparameters.timescale_s == 100.0
+    assert learner.gp.kernel.hyperparameters.timescale_s == 100.0
     rebuilt = learner.model().predict(np.vstack([x[-40:], x[:40]]))
     np.testing.assert_allclose(rebuilt.mean[:40], streamed.mean, atol=0.3)
     # What was seen 400 s ago is nearly forgotten, unless it was seen again.

@@ -48,7 +48,7 @@ def test_the_decoded_map_is_the_vehicles_to_half_a_percent_of_the_fields_deviati
     print(f"greatest error of mean {mean_error:.1e}, of standard deviation {sd_error:.1e} of the field's")
     assert mean_error < 0.005
     assert sd_error < 0.005
-    assert other.hyperparameters == model.hyperparameters
+    assert other.kernel == model.kernel
     assert (other.prior_mean, other.jitter) == (model.prior_mean, model.jitter)
     np.testing.assert_array_equal(other.basis, model.basis)
 
@@ -78,7 +78,7 @@ def test_the_prior_travels_too():
     prior = FieldModel.prior(Hyperparameters(1.0, 0.1, (5.0, 5.0), 7.0), 3.0)
     other = snapshot.decode(snapshot.encode(prior))
     assert len(other) == 0
-    assert other.hyperparameters == prior.hyperparameters
+    assert other.kernel == prior.kernel
     assert other.predict([[0.0, 0.0]]).mean[0] == 3.0
 
 

@@ -89,15 +89,15 @@ def test_deletion_preserves_the_marginal_of_the_retained_basis():
     gp = fed(SparseOnlineGP(H, 60, novelty=0.0, jitter=1e-10), x, y)
     for index in (0, 17, 37, 5, 20):
         before, kept = gp.model(), np.delete(np.arange(len(gp)), index)
-        mean = (before.factor @ before.whitened_mean)[kept]
-        spread = (before.factor @ before.whitened_covariance @ before.factor.T)[np.ix_(kept, kept)]
+        mean = (before.factors[0] @ before.whitened_mean)[kept]
+        spread = (before.factors[0] @ before.whitened_covariance @ before.factors[0].T)[np.ix_(kept, kept)]
         retained = gp.basis[kept]
         gp.delete(index)
         after = gp.model()
         np.testing.assert_array_equal(gp.basis, retained)
-        np.testing.assert_allclose(after.factor @ after.whitened_mean, mean, atol=1e-8)
+        np.testing.assert_allclose(after.factors[0] @ after.whitened_mean, mean, atol=1e-8)
         np.testing.assert_allclose(
-            after.factor @ after.whitened_covariance @ after.factor.T, spread, atol=1e-8
+            after.factors[0] @ after.whitened_covariance @ after.factors[0].T, spread, atol=1e-8
         )
 
 
@@ -164,7 +164,7 @@ def test_the_score_kept_from_update_to_update_is_the_one_from_scratch():
     seen = set()
     for point, value in zip(x, y, strict=True):
         reference = copy.deepcopy(gp)
-        reference.capacity += 1
+        reference.resize(26)
         outcome, before = gp.update(point, value), reference.basis
         if reference.update(point, value) is Update.ADDED and len(before) == 25:
             scores = np.abs(reference.alpha) / np.diag(reference.Q)

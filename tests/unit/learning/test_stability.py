@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_triangular
 
-from autonomy.learning.kernel import Hyperparameters, covariance
+from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 
 
@@ -34,21 +34,19 @@ def field(points, lengthscale):
 
 def batch(gp, points, values):
     """Batch FITC on the same basis, a thousand readings at a time."""
-    whole = SparseOnlineGP(gp.hyperparameters, gp.capacity, gp.novelty, gp.jitter, gp.prior_mean)
+    whole = SparseOnlineGP(gp.kernel, gp.capacity, gp.novelty, gp.jitter, gp.prior_mean)
     whole.start_basis(gp.basis, gp.basis_readings, gp.basis_counts)
     for start in range(0, len(points), 1000):
         part = slice(start, start + 1000)
-        whole.absorb(
-            points[part], values[part], np.full(len(values[part]), gp.hyperparameters.noise_variance)
-        )
+        whole.absorb(points[part], values[part], np.full(len(values[part]), gp.kernel.noise_variance))
     return whole
 
 
 def plain_variance(model, axis):
     """1 − |a|² + aᵀSa with a = L⁻¹k: unlike the model's own form, one minus squares, it can exceed one."""
     points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    k = covariance(model.basis, points, model.hyperparameters)
-    a = solve_triangular(model.factor, k, lower=True)
+    k = model.kernel.covariance(model.basis, points)
+    a = solve_triangular(model.factors[0], k, lower=True)
     variance = 1.0 - np.einsum("ij,ij->j", a, a) + np.einsum("ij,ij->j", a, model.whitened_covariance @ a)
     return variance.reshape(len(axis), len(axis))
 

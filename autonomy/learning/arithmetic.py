@@ -1,0 +1,115 @@
+"""What every reading costs: a few plain functions on arrays, in place, all O(D²).
+
+The filter's state is one matrix (D + 1, D) in column order: S, and below it, as the last row, μ. Its
+coordinates come in blocks of n, one block for each state of each group, block after block; the last
+coordinate of a block is spare: it belongs to no basis vector, has its prior N(0, 1), independent of all
+others, and waits for the next one. Factors L_g (n, n) are lower triangular, in column order, and end in the
+row (0 … 0, 1) of the spare coordinate. So a replacement needs no fresh memory.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import qr_delete
+from scipy.linalg.blas import dgemv, dger, dtrsv
+from scipy.linalg.lapack import dtrtri
+
+from autonomy.learning.numbers import FloatArray
+
+
+def whiten(factor: FloatArray, k: FloatArray) -> None:
+    """k ← L⁻¹k, in place; `k` (n,) contiguous."""
+    dtrsv(factor, k, lower=1, overwrite_x=1)
+
+
+def spread(state: FloatArray, a: FloatArray) -> FloatArray:
+    """(S a, μᵀa), shape (D + 1,), for `a` (D,)."""
+    result: FloatArray = dgemv(1.0, state, a)
+    return result
+
+
+def condition(state: FloatArray, p: FloatArray, innovation: float, variance: float) -> None:
+    """Condition on a reading whose `innovation` has this `variance`, in place.
+
+    `p` (D + 1,), used up, is the covariance of the state with the reading; its last entry is ignored.
+    """
+    p *= 1.0 / math.sqrt(variance)
+    p[-1] = -innovation / math.sqrt(variance)
+    # The same vector twice keeps S symmetric to the last bit.
+    dger(-1.0, p, p[:-1], a=state, overwrite_x=0, overwrite_y=0, overwrite_a=1)
+
+
+def take_spare(factor: FloatArray, a: FloatArray, gamma: float) -> None:
+    """Give the spare coordinate to a basis vector whose whitened covariance with the others is `a` (n,)."""
+    last = len(a) - 1
+    factor[last] = a
+    factor[last, last] = math.sqrt(gamma)
+
+
+def unwhiten(factor: FloatArray, a: FloatArray) -> FloatArray:
+    """L⁻ᵀa, shape (n,)."""
+    result: FloatArray = dtrsv(factor, a, lower=1, trans=1)
+    return result
+
+
+def precision_column(factor: FloatArray, index: int) -> FloatArray:
+    """Column `index` (n,) of (L Lᵀ)⁻¹."""
+    unit = np.zeros(len(factor))
+    unit[index] = 1.0
+    dtrsv(factor, unit, lower=1, overwrite_x=1)
+    dtrsv(factor, unit, lower=1, trans=1, overwrite_x=1)
+    return unit
+
+
+def precision_diagonal(factor: FloatArray) -> FloatArray:
+    """The diagonal (n,) of (L Lᵀ)⁻¹. O(n³)."""
+    inverse, _ = dtrtri(factor, lower=1)
+    diagonal: FloatArray = np.square(np.tril(inverse)).sum(axis=0)
+    return diagonal
+
+
+def remove(
+    state: FloatArray, other: FloatArray, factors: Sequence[FloatArray], blocks: Sequence[int], index: int
+) -> None:
+    """Marginalise basis vector `index` out: `other` receives the state, the factors change in place.
+
+    Without its row, L is lower Hessenberg from there on. Rotations of the coordinates make it triangular
+    again, and no remaining basis vector depends on the last coordinate any more: it becomes the spare one.
+    `blocks` names the group of each block; all blocks of a group are rotated alike. `state` is used up.
+    """
+    n, size = len(factors[0]), state.shape[1]
+    spares = range(n - 1, size, n)
+    if index < n - 1:
+        _rotate(state, [factors[group].copy(order="F") for group in blocks], index)
+        np.copyto(other[:size], state[:size].T)
+        # A later block of the same group finds the factor still whole in its copy.
+        last = [group not in blocks[b + 1 :] for b, group in enumerate(blocks)]
+        _rotate(
+            other,
+            [
+                factors[g] if final else factors[g].copy(order="F")
+                for g, final in zip(blocks, last, strict=True)
+            ],
+            index,
+        )
+        other[size] = state[size]
+    else:
+        np.copyto(other, state)
+    for spare in spares:
+        other[:, spare] = 0.0
+        other[spare] = 0.0
+        other[spare, spare] = 1.0
+    for factor in factors:
+        factor[:, n - 1] = 0.0
+        factor[n - 1] = 0.0
+        factor[n - 1, n - 1] = 1.0
+
+
+def _rotate(state: FloatArray, factors: Sequence[FloatArray], index: int) -> None:
+    """Rotate the columns of each block by what makes its factor without row `index` triangular; in place."""
+    n = len(factors[0])
+    for block, factor in enumerate(factors):
+        # qr_delete drops a column of R = Lᵀ and applies the rotations to whatever stands for Q.
+        columns = state[:, block * n : (block + 1) * n]
+        qr_delete(columns, factor.T, index, which="col", overwrite_qr=True, check_finite=False)
