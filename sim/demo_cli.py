@@ -20,7 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--field",
         default="synthetic-patch",
         metavar="SPEC",
-        help="NetCDF file (ROMS output, CF) or synthetic-patch[:SEED]; a larger sea is shrunk to 15 km",
+        help="NetCDF file (ROMS output, CF), synthetic-patch[:SEED] or synthetic-moving[:SEED];"
+        " a larger sea is shrunk to 15 km",
     )
     parser.add_argument("--variable", metavar="NAME", help="which variable of the file")
     parser.add_argument(

@@ -19,7 +19,7 @@ from sim.field_grid import Bounds, FloatArray, Grid, LandMask, ShrunkGrid
 
 BoolArray = NDArray[np.bool_]
 
-_SYNTHETIC = re.compile(r"synthetic(?P<patch>-patch)?(?::(?P<seed>\d+))?")
+_SYNTHETIC = re.compile(r"synthetic(?P<kind>|-patch|-moving)(?::(?P<seed>\d+))?")
 
 
 class FieldError(ValueError):
@@ -76,9 +76,12 @@ class Field(Protocol):
     def grid(self, lat_axis_deg: ArrayLike, lon_axis_deg: ArrayLike, time_s: float) -> FloatArray:
         """Values on a lattice: shape (len(lat_axis_deg), len(lon_axis_deg)), NaN on land and outside."""
 
+    def current(self, lat_deg: float, lon_deg: float, time_s: float) -> tuple[float, float]:
+        """Velocity of the water, east and north, m/s; (0, 0) for a field that knows none, on land and outside."""
+
 
 class MaskedField(ABC):
-    """The part of a field that follows from its mask; subclasses add `value`."""
+    """The part of a field that follows from its mask; subclasses add `value`, and `current` if they know one."""
 
     def __init__(self, info: FieldInfo, mask: LandMask, times_s: tuple[float, float]) -> None:
         self.info = info
@@ -105,28 +108,24 @@ class MaskedField(ABC):
         )
         return self.value(lat, lon, time_s)
 
+    def current(self, lat_deg: float, lon_deg: float, time_s: float) -> tuple[float, float]:
+        """Velocity of the water, east and north, m/s: (0, 0), since nothing is known of it."""
+        return 0.0, 0.0
 
-class GriddedField(MaskedField):
-    """A field given at grid points and instants: bilinear in the grid's own index space, linear in time.
+
+class InterpolatedField(MaskedField):
+    """A field known at grid points: bilinear in the grid's own index space, linear in time.
 
     Near the coast only water corners count, their weights renormalised: no value of land is ever mixed in.
-    Before the first instant and after the last the field is held constant.
     """
 
-    def __init__(self, info: FieldInfo, mask: LandMask, instants_s: FloatArray, frames: FloatArray) -> None:
-        """Take the values.
+    def __init__(self, info: FieldInfo, mask: LandMask, times_s: tuple[float, float]) -> None:
+        super().__init__(info, mask, times_s)
+        self._water = (~mask.land).ravel().astype(float)
 
-        Args:
-            info: what the field is.
-            mask: the land on the grid, shape (rows, columns).
-            instants_s: increasing times, shape (n,), the first 0.
-            frames: values, shape (n, rows, columns), finite wherever the mask says water.
-        """
-        super().__init__(info, mask, (float(instants_s[0]), float(instants_s[-1])))
-        self._instants_s = np.asarray(instants_s, dtype=float)
-        water = ~mask.land
-        self._water = water.ravel().astype(float)
-        self._frames = np.where(water, frames, 0.0).reshape(len(self._instants_s), -1)
+    @abstractmethod
+    def _around(self, time_s: float) -> tuple[FloatArray, FloatArray, float]:
+        """The frames before and after an instant, finite everywhere, and the share of the later one."""
 
     def value(self, lat_deg: ArrayLike, lon_deg: ArrayLike, time_s: float) -> FloatArray:
         """Values at positions of any one shape; NaN on land and outside the field."""
@@ -135,10 +134,10 @@ class GriddedField(MaskedField):
         corners, weights = self._corners(np.where(water, row, 0.0), np.where(water, column, 0.0))
         weights = weights * self._water[corners]
         total = weights.sum(axis=0)
-        before, share = self._instant(time_s)
-        values = self._frames[before][corners]
+        before, after, share = self._around(time_s)
+        values = before.ravel()[corners]
         if share > 0.0:
-            values = values + share * (self._frames[before + 1][corners] - values)
+            values = values + share * (after.ravel()[corners] - values)
         mixed = (weights * values).sum(axis=0) / np.where(water, total, 1.0)
         return np.where(water, mixed, np.nan)
 
@@ -155,15 +154,32 @@ class GriddedField(MaskedField):
         indices = np.stack([corner, corner + 1, corner + columns, corner + columns + 1])
         return indices, np.stack([(1 - v) * (1 - u), (1 - v) * u, v * (1 - u), v * u])
 
-    def _instant(self, time_s: float) -> tuple[int, float]:
-        """The frame before an instant and the share of the next one."""
+
+class GriddedField(InterpolatedField):
+    """A field given at grid points and instants; before the first instant and after the last it is held constant."""
+
+    def __init__(self, info: FieldInfo, mask: LandMask, instants_s: FloatArray, frames: FloatArray) -> None:
+        """Take the values.
+
+        Args:
+            info: what the field is.
+            mask: the land on the grid, shape (rows, columns).
+            instants_s: increasing times, shape (n,), the first 0.
+            frames: values, shape (n, rows, columns), finite wherever the mask says water.
+        """
+        super().__init__(info, mask, (float(instants_s[0]), float(instants_s[-1])))
+        self._instants_s = np.asarray(instants_s, dtype=float)
+        self._frames = np.where(mask.land, 0.0, frames)
+
+    def _around(self, time_s: float) -> tuple[FloatArray, FloatArray, float]:
         instants = self._instants_s
         if time_s <= instants[0]:
-            return 0, 0.0
+            return self._frames[0], self._frames[0], 0.0
         if time_s >= instants[-1]:
-            return len(instants) - 1, 0.0
+            return self._frames[-1], self._frames[-1], 0.0
         before = int(np.searchsorted(instants, time_s, side="right")) - 1
-        return before, float((time_s - instants[before]) / (instants[before + 1] - instants[before]))
+        share = float((time_s - instants[before]) / (instants[before + 1] - instants[before]))
+        return self._frames[before], self._frames[before + 1], share
 
 
 class ShrunkField(MaskedField):
@@ -174,10 +190,17 @@ class ShrunkField(MaskedField):
         super().__init__(info, LandMask(grid, inner.mask.land), inner.times_s)
         self._inner = inner
         self._grid = grid
+        self._factor = factor
 
     def value(self, lat_deg: ArrayLike, lon_deg: ArrayLike, time_s: float) -> FloatArray:
         """Values at positions of any one shape; NaN on land and outside the field."""
         return self._inner.value(*self._grid.expand(lat_deg, lon_deg), time_s)
+
+    def current(self, lat_deg: float, lon_deg: float, time_s: float) -> tuple[float, float]:
+        """Velocity of the water, east and north, m/s: slower by the factor by which the way is shorter."""
+        lat, lon = self._grid.expand(lat_deg, lon_deg)
+        east, north = self._inner.current(float(lat), float(lon), time_s)
+        return east / self._factor, north / self._factor
 
 
 def shrunk(field: Field, max_side_m: float = 15_000.0) -> Field:
@@ -205,7 +228,8 @@ def open_field(spec: str | Path, variable: str | None = None) -> Field:
 
     Args:
         spec: a NetCDF file (ROMS output or CF), or `synthetic[:SEED]` (the Southern California Bight), or
-            `synthetic-patch[:SEED]` (a piece of its coast, 15 km wide). The seed is 0 unless given.
+            `synthetic-patch[:SEED]` (a piece of its coast, 15 km wide), or `synthetic-moving[:SEED]` (that piece with
+            a current that carries the salinity along). The seed is 0 unless given.
         variable: which variable of the file; by default salinity, else temperature, else the only one.
 
     Raises:
@@ -216,12 +240,12 @@ def open_field(spec: str | Path, variable: str | None = None) -> Field:
         from sim.field_netcdf import open_netcdf
 
         return open_netcdf(Path(spec), variable)
-    from sim.synthetic import bight, patch
+    from sim.synthetic import bight, moving_patch, patch
 
     if variable not in (None, "salinity", "salt"):
         raise FieldError(f"{spec}: no variable {variable!r}; the synthetic ocean has only 'salinity'")
     seed = int(word["seed"] or 0)
-    return patch(seed) if word["patch"] else bight(seed)
+    return {"": bight, "-patch": patch, "-moving": moving_patch}[word["kind"]](seed)
 
 
 def lattice(field: Field, spacing_m: float) -> tuple[FloatArray, FloatArray]:
@@ -240,6 +264,7 @@ __all__ = [
     "FieldInfo",
     "Grid",
     "GriddedField",
+    "InterpolatedField",
     "LandMask",
     "MaskedField",
     "ShrunkField",

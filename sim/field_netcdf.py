@@ -38,7 +38,9 @@ def open_netcdf(path: Path, variable: str | None = None) -> GriddedField:
         FieldError: with the file's name and what is missing or wrong in it.
     """
     if not path.is_file():
-        raise FieldError(f"{path}: no such file (or give synthetic[:SEED] or synthetic-patch[:SEED])")
+        raise FieldError(
+            f"{path}: no such file (or give synthetic[:SEED], synthetic-patch[:SEED] or synthetic-moving[:SEED])"
+        )
     try:
         dataset = netCDF4.Dataset(str(path))
     except OSError as error:

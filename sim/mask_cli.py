@@ -12,7 +12,9 @@ from sim.land import feature_collection, land_polygons
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `sim mask`."""
     parser.add_argument(
-        "field", metavar="FIELD", help="NetCDF file, synthetic[:SEED] or synthetic-patch[:SEED]"
+        "field",
+        metavar="FIELD",
+        help="NetCDF file, synthetic[:SEED], synthetic-patch[:SEED] or synthetic-moving[:SEED]",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the GeoJSON file to write")
     parser.add_argument("--variable", metavar="NAME", help="which variable of the file (land may differ)")

@@ -7,7 +7,7 @@ were born, so that it stays bounded for any length of time.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,15 +15,20 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.interpolate import RectBivariateSpline
 
+from sim.advection import Transport
 from sim.coast import coast
+from sim.currents import Speeds, coastal_current
 from sim.field import FieldInfo, MaskedField
 from sim.field_grid import METRES_PER_DEGREE, BoolArray, Bounds, FloatArray, LandMask, RectilinearGrid
+from sim.moving import MovingField, Supply
+from sim.waves import Swarm
 
 BIGHT = Bounds(south=31.9, north=35.0, west=-121.0, east=-117.0)
 BIGHT_SHAPE = (351, 391)
 PATCH_CENTRE = (33.982, -118.795)  # Point Dume: a headland between two bays
 PATCH_SIDE_M = 15_000.0
 PATCH_CELL_M = 100.0
+MOVING_CELL_M = 150.0
 
 _DAY_S = 86_400.0
 _MARGIN_DEG = 0.25  # of coast beyond the edges, for its distance
@@ -77,6 +82,24 @@ PATCH_SCALES = Scales(
     wander_km=0.25,
     wander_days=(3.0, 8.0),
 )
+
+# About as much of the moving sea's variance is locked to coast and inflow as drifts, and what drifts is gone in two days.
+MOVING_SCALES = replace(PATCH_SCALES, upwelling=0.35, upwelling_width_km=3.5, front=0.2, eddy=0.0)
+MOVING_SPEEDS = Speeds(
+    mean_mps=0.03,
+    swing_mps=0.02,
+    swing_s=5.0 * _DAY_S,
+    tide_mps=0.06,
+    eddy_mps=0.04,
+    eddy_m=1800.0,
+    eddy_s=(4.0 * _DAY_S, 12.0 * _DAY_S),
+    waves=24,
+    shore_m=1200.0,
+)
+MOVING_STRANGE = Swarm(deviation=0.10, size_m=2000.0, period_s=(3.0 * _DAY_S, 10.0 * _DAY_S), waves=24)
+MOVING_RETURN_S = 2.0 * _DAY_S
+MOVING_SUPPLY_S = 0.25 * _DAY_S
+MOVING_DIFFUSIVITY_M2PS = 1.0
 
 
 @dataclass(frozen=True)
@@ -174,6 +197,23 @@ class SyntheticField(MaskedField):
         salinity = _BASE + self._upwelled(lat, lon, x_km, y_km) + front + bumps
         return np.where(water, salinity, np.nan)
 
+    def usual(self) -> tuple[FloatArray, FloatArray]:
+        """On the cells of the mask, land included: the field at time zero, and how near each is to its sources, 0 to 1.
+
+        The sources are the shore and the river.
+        """
+        rows, columns = self.mask.land.shape
+        lat, lon = self.mask.grid.positions(*np.indices((rows, columns)))
+        values = self.value(lat, lon, 0.0)
+        x_km, y_km = self._plane(lat, lon)
+        river_km = self._blobs.place_km[-1]
+        from_river_km = np.hypot(x_km - river_km[0], y_km - river_km[1])
+        shore_km = np.maximum(self._shore_km(lat, lon, grid=False), 0.0)
+        near = np.exp(-((from_river_km / self._scales.plume_radius_km[1]) ** 2)) + np.exp(
+            -((shore_km / 0.5) ** 2)
+        )
+        return np.where(self.mask.land, np.nanmean(values), values), np.minimum(1.0, near)
+
     def _plane(self, lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, FloatArray]:
         narrowing = math.cos(math.radians(self._lat0))
         return (lon - self._lon0) * self._km_per_degree * narrowing, (lat - self._lat0) * self._km_per_degree
@@ -252,18 +292,51 @@ def bight(seed: int = 0) -> SyntheticField:
 
 def patch(seed: int = 0) -> SyntheticField:
     """A piece of the same coast, 15 km x 15 km about Point Dume, on cells of 100 m."""
-    bounds = _patch_bounds()
-    cells = round(PATCH_SIDE_M / PATCH_CELL_M)
-    lat = np.linspace(bounds.south, bounds.north, cells + 1)
-    lon = np.linspace(bounds.west, bounds.east, cells + 1)
-    land = _without_ponds(coast(_widened(bounds)).smooth(lat, lon))
-    mask = LandMask(RectilinearGrid(lat, lon), land)
+    bounds, mask = _patch_mask(PATCH_CELL_M)
     return _synthetic("synthetic ocean, Point Dume", bounds, mask, PATCH_SCALES, seed)
 
 
+def moving_patch(seed: int = 0) -> MovingField:
+    """The same piece, on cells of 150 m, with a current that carries the salinity along.
+
+    What the sea returns to is a still one without eddies: soon at the shore, where water wells up, and at the river's
+    mouth (`MOVING_SUPPLY_S`), slowly far from both (`MOVING_RETURN_S`).
+    """
+    bounds, mask = _patch_mask(MOVING_CELL_M)
+    rng = np.random.default_rng(seed)
+    still = SyntheticField(
+        _info("synthetic ocean", seed),
+        mask,
+        _shore_distance(bounds),
+        MOVING_SCALES,
+        rng,
+    )
+    usual, supplied = still.usual()
+    current = coastal_current(mask.land, MOVING_CELL_M, MOVING_SPEEDS, rng)
+    rows, columns = mask.land.shape
+    strange = MOVING_STRANGE.draw((rows + 2, columns + 2), MOVING_CELL_M, rng)
+    supply = Supply(usual, 1.0 / MOVING_RETURN_S + supplied / MOVING_SUPPLY_S, strange)
+    transport = Transport(mask.land, MOVING_CELL_M, MOVING_DIFFUSIVITY_M2PS)
+    return MovingField(_info("moving synthetic ocean, Point Dume", seed), mask, current, transport, supply)
+
+
 def _synthetic(place: str, bounds: Bounds, mask: LandMask, scales: Scales, seed: int) -> SyntheticField:
-    info = FieldInfo("salinity", "sea surface salinity", "PSU", f"{place}, seed {seed}")
-    return SyntheticField(info, mask, _shore_distance(bounds), scales, np.random.default_rng(seed))
+    return SyntheticField(
+        _info(place, seed), mask, _shore_distance(bounds), scales, np.random.default_rng(seed)
+    )
+
+
+def _info(place: str, seed: int) -> FieldInfo:
+    return FieldInfo("salinity", "sea surface salinity", "PSU", f"{place}, seed {seed}")
+
+
+def _patch_mask(cell_m: float) -> tuple[Bounds, LandMask]:
+    bounds = _patch_bounds()
+    cells = round(PATCH_SIDE_M / cell_m)
+    lat = np.linspace(bounds.south, bounds.north, cells + 1)
+    lon = np.linspace(bounds.west, bounds.east, cells + 1)
+    land = _without_ponds(coast(_widened(bounds)).smooth(lat, lon))
+    return bounds, LandMask(RectilinearGrid(lat, lon), land)
 
 
 @lru_cache(maxsize=2)

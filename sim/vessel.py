@@ -48,6 +48,18 @@ class UniformCurrent:
         return self.east_mps, self.north_mps
 
 
+@dataclass(frozen=True)
+class SummedCurrent:
+    """Several currents on top of one another."""
+
+    parts: tuple[CurrentField, ...]
+
+    def current(self, lat_deg: float, lon_deg: float, time_s: float) -> tuple[float, float]:
+        """Velocity of the water, east and north, in m/s."""
+        each = [part.current(lat_deg, lon_deg, time_s) for part in self.parts]
+        return math.fsum(east for east, _ in each), math.fsum(north for _, north in each)
+
+
 class Position(NamedTuple):
     """A geodetic position in degrees."""
 

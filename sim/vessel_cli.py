@@ -17,7 +17,7 @@ from sim.endpoints import Endpoint
 from sim.field import Field, FieldError, lattice, open_field, shrunk
 from sim.sensor import Sensor
 from sim.server import CannotListenError, VesselServer
-from sim.vessel import Battery, Handling, Position, UniformCurrent, Vessel
+from sim.vessel import Battery, Handling, Position, SummedCurrent, UniformCurrent, Vessel
 
 DEFAULT_ENDPOINT = Endpoint("udpout", "127.0.0.1", 14550)
 _T = TypeVar("_T")
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_argument(_pair),
         default=(0.0, 0.0),
         metavar="EAST,NORTH",
-        help="of the water, m/s (--current=-0.2,0.1)",
+        help="m/s, on top of the current that the field itself may have (--current=-0.2,0.1)",
     )
     boat.add_argument("--battery-wh", type=_positive, default=5000.0, metavar="WH", help="capacity (5000)")
     sea = parser.add_argument_group("sea and instrument")
@@ -71,7 +71,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--field",
         default="synthetic-patch",
         metavar="SPEC",
-        help="synthetic[:SEED], synthetic-patch[:SEED] or a NetCDF file (default: synthetic-patch)",
+        help="synthetic[:SEED], synthetic-patch[:SEED], synthetic-moving[:SEED] or a NetCDF file"
+        " (default: synthetic-patch)",
     )
     sea.add_argument("--variable", metavar="NAME", help="which variable of the file")
     sea.add_argument("--shrink-to-m", type=_positive, metavar="M", help="shrink a larger field to this size")
@@ -151,7 +152,7 @@ def _autopilot(arguments: argparse.Namespace, field: Field) -> Autopilot:
             start,
             heading_deg=arguments.heading % 360.0,
             handling=Handling(turn_rate_deg_s=arguments.turn_rate),
-            current=UniformCurrent(*arguments.current),
+            current=SummedCurrent((field, UniformCurrent(*arguments.current))),
             land=field,
             # Whatever its cruise speed, the boat is built to cruise on 120 W.
             battery=Battery(arguments.battery_wh, propulsion_w_per_m3s3=120.0 / arguments.speed_mps**3),
