@@ -83,7 +83,7 @@ PATCH_SCALES = Scales(
     wander_days=(3.0, 8.0),
 )
 
-# About as much of the moving sea's variance is locked to coast and inflow as drifts, and what drifts is gone in two days.
+# Of the moving sea's variance about as much is locked to coast and inflow as drifts; what drifts is gone in two days.
 MOVING_SCALES = replace(PATCH_SCALES, upwelling=0.35, upwelling_width_km=3.5, front=0.2, eddy=0.0)
 MOVING_SPEEDS = Speeds(
     mean_mps=0.03,
