@@ -1,6 +1,6 @@
 """QARTOD's flags, its tests by name, and how the flags of one reading are summed up."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection
 from enum import IntEnum
 
 
@@ -47,12 +47,13 @@ class Tally:
 
     def __init__(self) -> None:
         self._counts = {name: dict.fromkeys(Flag, 0) for name in ("aggregate", *map(_name, Check))}
+        self._rows = tuple(self._counts[_name(check)] for check in Check)
 
     def add(self, flags: Flags) -> None:
         """Count one reading."""
         self._counts["aggregate"][aggregate(flags)] += 1
-        for check, flag in zip(Check, flags, strict=True):
-            self._counts[_name(check)][flag] += 1
+        for row, flag in zip(self._rows, flags, strict=True):
+            row[flag] += 1
 
     def add_missing(self, count: int) -> None:
         """Count readings that were due and did not come."""
@@ -60,12 +61,12 @@ class Tally:
         self._counts[_name(Check.TIMING)][Flag.MISSING] += count
 
     @property
-    def counts(self) -> Mapping[str, tuple[int, ...]]:
+    def counts(self) -> dict[str, tuple[int, ...]]:
         """Readings flagged 1, 2, 3, 4 and 9, by the test's name in small letters, and as `aggregate`."""
         return {name: tuple(counts.values()) for name, counts in self._counts.items()}
 
 
-def refused_by(flags: Flags, allowed: Iterable[Flag]) -> Check | None:
+def refused_by(flags: Flags, allowed: Collection[Flag]) -> Check | None:
     """The test for which a reading isn't among the allowed flags, the worst first; None if it is allowed."""
     if aggregate(flags) in allowed:
         return None

@@ -47,6 +47,7 @@ class Location:
     """Follows one vessel: FAIL far outside the survey or after an impossible jump, SUSPECT on land."""
 
     def __init__(self, waters: Waters, maximum_speed_mps: float | None) -> None:
+        shapely.prepare([waters.ground, waters.obstacles])
         self._waters = waters
         self._maximum_speed_mps = maximum_speed_mps
         self._speeds = RunningMedian(_SPEEDS)
@@ -64,9 +65,9 @@ class Location:
             return Flag.FAIL
         self._good = here
         waters = self._waters
-        point = shapely.Point(x, y)
         if not shapely.intersects_xy(waters.ground, x, y):
-            return Flag.FAIL if waters.ground.distance(point) > waters.margin_m else Flag.GOOD
+            distance_m = waters.ground.distance(shapely.Point(x, y))
+            return Flag.FAIL if distance_m > waters.margin_m else Flag.GOOD
         return Flag.SUSPECT if shapely.intersects_xy(waters.obstacles, x, y) else Flag.GOOD
 
     def interrupt(self) -> None:

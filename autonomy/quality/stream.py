@@ -2,17 +2,17 @@
 
 Whether a reading is a spike can only be told once the next one is in. So the newest reading is always held back;
 what is judged comes out in the order in which it went in. That delays learning by one interval of the probe (at 1 Hz
-and 2 m/s, by two metres of a track), and at the beginning of a stream by `WARM_UP` of them: until a stream has shown
-how its readings differ from one to the next, nothing can be called unusual. When the probe falls silent, `release`
-lets go of what is held back, its spike test not evaluated.
+and 2 m/s, by two metres of a track), and at the beginning and after every gap by `WARM_UP` of them: until a stream
+has shown how its readings differ from one to the next, nothing can be called unusual, and the first of them has only
+those after it to be compared with. When the probe falls silent, `release` lets go of what is held back.
 
 Everything is pure: times are the vehicle's, and come with the readings.
 """
 
 import math
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Generic, TypeVar
 
 from autonomy.config import QualitySection
@@ -98,7 +98,7 @@ class QualityControl(Generic[T]):
         self._flat_line = FlatLine(section.flat_suspect_s, section.flat_fail_s, section.flat_tolerance)
         self._scale = Scale()
         self._queue: deque[_Arrival[T]] = deque()
-        self._newest_s = -math.inf
+        self._newest_s = self._usable_s = -math.inf
         self._before: Reading | None = None
         self._reference: Reading | None = None
         self._consistent = 0
@@ -106,17 +106,13 @@ class QualityControl(Generic[T]):
         self._tally = Tally()
 
     @property
-    def counts(self) -> Mapping[str, tuple[int, ...]]:
+    def counts(self) -> dict[str, tuple[int, ...]]:
         """Readings flagged 1, 2, 3, 4 and 9, by the test's name in small letters, and as `aggregate`."""
         return self._tally.counts
 
     def add(self, reading: Reading, subject: T) -> list[Judged[T]]:
         """Take in a reading; returns those that can be judged now, oldest first."""
-        judged = []
-        if reading.model_time_s < self._newest_s - self._gap_s:
-            # No straggler: the clock was set back.
-            judged = self.flush()
-            self._begin_anew()
+        judged = self._break_off(reading.model_time_s)
         self._queue.append(self._arrive(reading, subject))
         self._warm = self._warm or len(self._queue) > WARM_UP
         while self._warm and self._queue and (not self._queue[0].usable or self._next_usable() is not None):
@@ -137,15 +133,20 @@ class QualityControl(Generic[T]):
     def _gap_s(self) -> float:
         return self._scale.gap_s if self._section.gap_s is None else self._section.gap_s
 
-    def _begin_anew(self) -> None:
-        self._newest_s = -math.inf
+    def _break_off(self, time_s: float) -> list[Judged[T]]:
+        """After a pause, or when the clock is set back, what comes has nothing to do with what is held back."""
+        set_back = time_s < self._newest_s - self._gap_s
+        if not set_back and time_s <= self._usable_s + self._gap_s:
+            return []
+        judged = self.flush()
         self._before = self._reference = None
-        self._location.interrupt()
-        self._interrupt()
-
-    def _interrupt(self) -> None:
+        self._warm, self._consistent = False, 0
         self._flat_line.interrupt()
         self._scale.interrupt()
+        if set_back:
+            self._newest_s = -math.inf
+            self._location.interrupt()
+        return judged
 
     def _arrive(self, reading: Reading, subject: T) -> _Arrival[T]:
         time_s, value = reading.model_time_s, reading.value
@@ -162,6 +163,7 @@ class QualityControl(Generic[T]):
             location = self._location.add(time_s, reading.x_m, reading.y_m)
         usable = timing is Flag.GOOD and spanned in (Flag.GOOD, Flag.SUSPECT)
         if usable:
+            self._usable_s = time_s
             flat_line = self._flat_line.add(time_s, value)
             self._scale.add_value(value)
         return _Arrival(reading, subject, timing, written, spanned, location, flat_line, usable)
@@ -173,16 +175,14 @@ class QualityControl(Generic[T]):
             return Flag.SUSPECT
         if passed_s <= self._gap_s:
             self._scale.add_interval(passed_s)
-            return Flag.GOOD
-        if math.isfinite(passed_s) and self._scale.interval_s is not None:
+        elif math.isfinite(passed_s) and self._scale.interval_s is not None:
             self._tally.add_missing(max(1, round(passed_s / self._scale.interval_s) - 1))
-        self._interrupt()
         return Flag.GOOD
 
     # Judgement --------------------------------------------------------------------------------------------------
 
     def _next_usable(self) -> Reading | None:
-        return next((one.reading for one in list(self._queue)[1:] if one.usable), None)
+        return next((one.reading for one in islice(self._queue, 1, None) if one.usable), None)
 
     def _judge(self) -> Judged[T]:
         """Judge the oldest reading that is held back."""
