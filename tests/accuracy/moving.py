@@ -5,11 +5,13 @@ Each truth is a function of place for the moment at which it stands; `advance` l
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sim.synthetic import moving_patch
 
 FloatArray = NDArray[np.float64]
 
@@ -130,24 +132,72 @@ class Eddies:
         return np.asarray(np.exp(-0.5 * squared) @ self._amplitude)
 
 
-@dataclass
+class CoastalSea:
+    """The simulator's moving sea in local metres, about its own mean, in units of its own standard deviation."""
+
+    def __init__(self, seed: int) -> None:
+        self._sea = moving_patch(seed)
+        self._time_s = 0.0
+        bounds = self._sea.bounds
+        self.span_m = max(bounds.size_m)
+        self._south_west = np.array([bounds.south, bounds.west])
+        self._degrees = np.array([bounds.north - bounds.south, bounds.east - bounds.west]) / self.span_m
+        self.water_m = self._water(300.0)
+        still = self._raw(self.water_m)
+        self._mean, self._deviation = float(still.mean()), float(still.std())
+
+    def advance(self, dt_s: float) -> None:
+        """Let `dt_s` ≥ 0 pass."""
+        self._time_s += dt_s
+
+    def value(self, points: FloatArray) -> FloatArray:
+        """The field now at `points` (n, 2): shape (n,); NaN on land."""
+        return (self._raw(points) - self._mean) / self._deviation
+
+    def is_clear(self, start_m: FloatArray, goal_m: FloatArray) -> bool:
+        """Whether the straight way between two places is water, looked at every 100 m."""
+        steps = max(2, math.ceil(float(np.linalg.norm(goal_m - start_m)) / 100.0))
+        way = start_m + np.linspace(0.0, 1.0, steps)[:, None] * (goal_m - start_m)
+        return bool(np.isfinite(self._raw(way)).all())
+
+    def _raw(self, points: FloatArray) -> FloatArray:
+        lat, lon = (self._south_west + points[:, ::-1] * self._degrees).T
+        return self._sea.value(lat, lon, self._time_s)
+
+    def _water(self, spacing_m: float) -> FloatArray:
+        lattice = square(self.span_m, spacing_m)
+        return lattice[np.isfinite(self._raw(lattice))]
+
+
+def square(span_m: float, spacing_m: float) -> FloatArray:
+    """The middles of cells of a square, (n, 2)."""
+    axis = np.arange(0.5 * spacing_m, span_m, spacing_m)
+    return np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+
+
 class Patrol:
-    """A boat that sails from one random waypoint of a square to the next, for ever."""
+    """A boat that sails from one random waypoint of a square to the next, for ever; round land by other waypoints."""
 
-    rng: np.random.Generator
-    span_m: float
-    position_m: FloatArray
-    goal_m: FloatArray
-
-    @classmethod
-    def over(cls, rng: np.random.Generator, span_m: float) -> "Patrol":
-        """From a random place of the square [0, span]²."""
-        return cls(rng, span_m, rng.uniform(0.0, span_m, 2), rng.uniform(0.0, span_m, 2))
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        span_m: float,
+        is_clear: Callable[[FloatArray, FloatArray], bool] = lambda start_m, goal_m: True,
+    ) -> None:
+        self._rng, self._span_m, self._is_clear = rng, span_m, is_clear
+        self._position_m = self._next(None)
+        self._goal_m = self._next(self._position_m)
 
     def step(self, distance_m: float) -> FloatArray:
         """Sail `distance_m` further; the place reached, shape (2,)."""
-        while (left_m := float(np.linalg.norm(self.goal_m - self.position_m))) < distance_m:
-            self.position_m, distance_m = self.goal_m, distance_m - left_m
-            self.goal_m = self.rng.uniform(0.0, self.span_m, 2)
-        self.position_m = self.position_m + (self.goal_m - self.position_m) * (distance_m / left_m)
-        return self.position_m
+        while (left_m := float(np.linalg.norm(self._goal_m - self._position_m))) < distance_m:
+            self._position_m, distance_m = self._goal_m, distance_m - left_m
+            self._goal_m = self._next(self._position_m)
+        self._position_m = self._position_m + (self._goal_m - self._position_m) * (distance_m / left_m)
+        return self._position_m
+
+    def _next(self, start_m: FloatArray | None) -> FloatArray:
+        while True:
+            goal_m = self._rng.uniform(0.0, self._span_m, 2)
+            if self._is_clear(goal_m if start_m is None else start_m, goal_m):
+                return goal_m
