@@ -21,6 +21,9 @@ Objective = Literal["loo", "marginal"]
 Optimiser = Literal["lbfgs", "gradient_ascent"]
 # A step of gradient ascent changes no parameter by more than this factor's logarithm.
 _LONGEST_STEP = 1.0
+# The second start: with so few readings always (it costs little), and how much shorter its length-scales are.
+_FEW_POINTS = 100
+_SHORTER = 5.0
 
 
 @dataclass(frozen=True)
@@ -93,15 +96,21 @@ def fit(
         reason = "all readings were taken at one time"
     if reason:
         return _kept(readings, structure, span_m, start, reason)
-    standard, unit = standardised(readings)
+    standard, unit = readings.standardised
     target = _Target(standard, structure, span_m, method)
-    theta = target.begin(None if start is None else scaled(start, 1.0 / unit**2))
-    if not math.isfinite(target(theta)[0]):
-        return _kept(readings, structure, span_m, start, "the objective is not finite at the start")
     climb = _lbfgs if method.optimiser == "lbfgs" else _gradient_ascent
-    best, count, converged, message = climb(target, theta, method)
+    climbs = [
+        climb(target, theta, method)
+        for theta in target.starts(None if start is None else scaled(start, 1.0 / unit**2))
+        if math.isfinite(target(theta)[0])
+    ]
+    if not climbs:
+        return _kept(readings, structure, span_m, start, "the objective is not finite at the start")
+    best, count, converged, message = max(climbs, key=lambda climbed: target(climbed[0])[0])
     kernel = structure.kernel(best)
-    jacobian = readings.n * math.log(unit)
+    # The density of the values in sensor units; a restricted likelihood is one of n − 1 contrasts.
+    restricted = readings.unknown_mean and method.objective == "marginal"
+    jacobian = (readings.n - restricted) * math.log(unit)
     return Fit(
         structure=structure.name,
         kernel=scaled(kernel, unit**2),
@@ -112,15 +121,6 @@ def fit(
         converged=converged,
         message=message,
     )
-
-
-def standardised(readings: Readings) -> tuple[Readings, float]:
-    """The readings in units of their own deviation, without their mean if it is unknown; and that unit."""
-    centred = readings.y - readings.y.mean() if readings.unknown_mean else readings.y
-    # In two steps: squares of huge values would overflow.
-    largest = float(np.abs(centred).max())
-    unit = largest * math.sqrt(float(np.mean((centred / largest) ** 2)))
-    return replace(readings, y=centred / unit, fixed_mean=0.0), unit
 
 
 def scaled(kernel: Kernel, factor: float) -> Kernel:
@@ -154,21 +154,27 @@ class _Target:
             problem.loo if method.objective == "loo" else problem.marginal
         )
         self._structure = structure
-        self._elapsed_s = problem.elapsed_s
+        self._elapsed_s, self._points = problem.elapsed_s, problem.n
         self._medians = structure.priors(Scales(span_m, 1.0, self._elapsed_s))
         self._priors: Priors | None = self._medians if method.priors else None
         extent = float(np.ptp(problem.x, axis=0).max())
         self.bounds = structure.bounds(Scales(extent, 1.0, self._elapsed_s))
 
-    def begin(self, start: Kernel | None) -> FloatArray:
-        """The start, or the priors' medians if those explain the readings better; without priors the start."""
+    def starts(self, start: Kernel | None) -> list[FloatArray]:
+        """Where to begin: at the start, or the priors' medians if those explain the readings better.
+
+        With priors also at length-scales much shorter than their medians if the readings are few or there is no
+        start: the evidence often has a second summit, and the lower one takes a rough field for noise.
+        """
         median = self._within(self._medians.median)
-        if start is None:
-            return median
-        first = self._within(self._structure.parameters(start, self._elapsed_s))
-        if self._priors is None or self(first)[0] >= self(median)[0]:
-            return first
-        return median
+        first = median if start is None else self._within(self._structure.parameters(start, self._elapsed_s))
+        if self._priors is None:
+            return [first]
+        if self(median)[0] > self(first)[0]:
+            first = median
+        if start is not None and self._points > _FEW_POINTS:
+            return [first]
+        return [first, self._within(self._structure.shortened(self._medians.median, _SHORTER))]
 
     def _within(self, theta: FloatArray) -> FloatArray:
         result: FloatArray = np.clip(theta, self.bounds[:, 0], self.bounds[:, 1])

@@ -6,7 +6,7 @@ ordered.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -124,6 +124,18 @@ class Readings:
         if not np.ptp(self.x, axis=0).any():
             return "all readings were taken at one place"
         return ""
+
+    @cached_property
+    def standardised(self) -> tuple["Readings", float]:
+        """The readings in units of their own deviation, less their mean if it is unknown; and that unit.
+
+        Of readings that are not `unfit`.
+        """
+        centred = self.y - self.y.mean() if self.unknown_mean else self.y
+        # In two steps: squares of huge values would overflow.
+        largest = float(np.abs(centred).max())
+        unit = largest * math.sqrt(float(np.mean((centred / largest) ** 2)))
+        return replace(self, y=centred / unit, fixed_mean=0.0), unit
 
     def plain_mean(self) -> float:
         """The prior mean when there is no fit."""

@@ -151,6 +151,12 @@ class Structure:
         table = np.array(rows)
         return Priors(table[:, 0], table[:, 1])
 
+    def shortened(self, theta: FloatArray, factor: float) -> FloatArray:
+        """θ with all length-scales divided by `factor`."""
+        result = theta.copy()
+        result[self._lengthscales] -= math.log(factor)
+        return result
+
     def median(self, scales: Scales) -> Kernel:
         """The kernel to begin with."""
         return self.kernel(self.priors(scales).median)
