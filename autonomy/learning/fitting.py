@@ -21,8 +21,10 @@ Objective = Literal["loo", "marginal"]
 Optimiser = Literal["lbfgs", "gradient_ascent"]
 # A step of gradient ascent changes no parameter by more than this factor's logarithm.
 _LONGEST_STEP = 1.0
-# The second start: with so few readings always (it costs little), and how much shorter its length-scales are.
+# With so few readings a second start costs little; how much shorter its length-scales are.
 _FEW_POINTS = 100
+# L-BFGS ends when an iteration gains less than this share of the objective: some ten thousandths of a nat.
+_NEGLIGIBLE_GAIN = 1e-7
 _SHORTER = 5.0
 
 
@@ -96,6 +98,9 @@ def fit(
         reason = "all readings were taken at one time"
     if reason:
         return _kept(readings, structure, span_m, start, reason)
+    if start is None and method.priors and readings.n > _FEW_POINTS:
+        # The climb from afar is made on a part of the readings, where a step costs a tenth.
+        start = fit(readings.thinned(_FEW_POINTS), structure, span_m, None, method).kernel
     standard, unit = readings.standardised
     target = _Target(standard, structure, span_m, method)
     climb = _lbfgs if method.optimiser == "lbfgs" else _gradient_ascent
@@ -163,8 +168,8 @@ class _Target:
     def starts(self, start: Kernel | None) -> list[FloatArray]:
         """Where to begin: at the start, or the priors' medians if those explain the readings better.
 
-        With priors also at length-scales much shorter than their medians if the readings are few or there is no
-        start: the evidence often has a second summit, and the lower one takes a rough field for noise.
+        With priors and few readings also at length-scales much shorter than their medians: the evidence often has a
+        second summit, and the lower one takes a rough field for noise.
         """
         median = self._within(self._medians.median)
         first = median if start is None else self._within(self._structure.parameters(start, self._elapsed_s))
@@ -172,7 +177,7 @@ class _Target:
             return [first]
         if self(median)[0] > self(first)[0]:
             first = median
-        if start is not None and self._points > _FEW_POINTS:
+        if self._points > _FEW_POINTS:
             return [first]
         return [first, self._within(self._structure.shortened(self._medians.median, _SHORTER))]
 
@@ -214,7 +219,7 @@ def _lbfgs(target: _Target, theta: FloatArray, method: Method) -> _Climbed:
         # step back.
         return (1e100, gradient) if value == -math.inf else (-value, -gradient)
 
-    options = {"maxiter": method.iterations}
+    options = {"maxiter": method.iterations, "ftol": _NEGLIGIBLE_GAIN}
     result = minimize(descend, theta, jac=True, method="L-BFGS-B", bounds=target.bounds, options=options)
     return best, int(result.nit), bool(result.success), str(result.message)
 

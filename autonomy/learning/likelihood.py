@@ -137,6 +137,14 @@ class Readings:
         unit = largest * math.sqrt(float(np.mean((centred / largest) ** 2)))
         return replace(self, y=centred / unit, fixed_mean=0.0), unit
 
+    def thinned(self, maximum: int) -> "Readings":
+        """At most `maximum` of them, evenly picked."""
+        chosen = np.unique(np.linspace(0, self.n - 1, min(maximum, self.n)).round().astype(np.intp))
+        times = None if self.times_s is None else self.times_s[chosen]
+        return replace(
+            self, x=self.x[chosen], y=self.y[chosen], noise_scale=self.noise_scale[chosen], times_s=times
+        )
+
     def plain_mean(self) -> float:
         """The prior mean when there is no fit."""
         if not self.unknown_mean or not self.n:
