@@ -28,7 +28,7 @@ from autonomy.planning.plan import Plan
 from autonomy.planning.planners import PlanRequest
 from autonomy.planning.survey import SurveyArea
 from autonomy.reporting import Reporter, Status
-from autonomy.sampling import TOO_CLOSE, SampleGate
+from autonomy.sampling import TOO_CLOSE, Sample, SampleGate
 
 JOB_RETRY_S = 5.0
 """Pause after a job without a plan, doubled with every further one up to 32 times as long."""
@@ -70,7 +70,7 @@ class Core:
         # Built now, not when a way is first needed: it takes a second, and then the vessel is at sea.
         self._passage = passage_of(survey)
         self._helm = Helm(configuration, survey.frame)
-        self._gate = SampleGate(survey, configuration.sampling, configuration.sensor)
+        self._gate = SampleGate(survey, configuration)
         self._learner = _learner(configuration, survey.span_m)
         self._exploration = Exploration(configuration.exploration, configuration.model.capacity)
         self._reporter = Reporter(configuration, survey, self._helm.telemetry, self._learner)
@@ -131,7 +131,7 @@ class Core:
     def _hear(self, now: float, message: Any) -> bool:
         """Take in a message; returns whether it told anything new."""
         heard = self._helm.handle(now, message)
-        if heard.observations:
+        if any(math.isfinite(observation.value) for observation in heard.observations):
             self._heard_reading = now
         self._send(heard.replies)
         for observation in heard.observations:
@@ -140,14 +140,17 @@ class Core:
 
     def _observe(self, observation: Observation) -> None:
         vehicle, started = self._helm.state, self._helm.authority.survey_started
-        if vehicle is None:
-            return
-        point = self._gate.admit(observation, vehicle, survey_started=started)
-        if point is not None:
-            self._learner.add(point, observation.value, observation.model_time_s)
-            self._reporter.observed(observation)
-        elif started:
-            self._explain_refusals()
+        if vehicle is not None:
+            self._learn(self._gate.take(observation, vehicle, survey_started=started))
+
+    def _learn(self, samples: Sequence[Sample]) -> None:
+        """Learn from the samples that teach, and tell of all."""
+        for sample in samples:
+            if sample.teaches:
+                observation = sample.observation
+                self._learner.add(sample.point_m, observation.value, observation.model_time_s)
+            self._reporter.observed(sample.observation, sample.flags)
+        self._explain_refusals()
 
     def _explain_refusals(self) -> None:
         """Say it once for each reason why readings do not teach the model: a silent map wants an explanation."""
@@ -227,6 +230,7 @@ class Core:
 
     def _stop(self, now: float) -> None:
         self._stopping = True
+        self._learn(self._gate.release(math.inf))
         self._send(self._helm.say("halocline: service stops"))
         self._reporter.log(Level.INFO, "stopping")
         self._reporter.flush(self._status())
@@ -235,6 +239,7 @@ class Core:
 
     def _step(self, now: float) -> None:
         self._learner.catch_up()
+        self._learn(self._gate.release(self._helm.model_time_s))
         self._send(self._helm.step(now))
         for note in self._helm.take_notes(now):
             self._reporter.log(Level.WARNING if note.is_warning else Level.INFO, note.text)
@@ -321,9 +326,7 @@ class Core:
             replaced=learner.replaced_since_mark,
             path_finished=self._helm.path_finished,
             cells=len(learner.history),
-            spread=learner.history.variance / learner.gp.kernel.signal_variance
-            if learner.born
-            else 0.0,
+            spread=learner.history.variance / learner.gp.kernel.signal_variance if learner.born else 0.0,
         )
 
     def _start(self, now: float, decision: Decision) -> None:
@@ -369,6 +372,7 @@ class Core:
             worker_busy=self._job is not None,
             in_touch=self._in_touch,
             distance_m=self._helm.distance_m,
+            quality=self._gate.quality.counts,
         )
 
 

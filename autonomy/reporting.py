@@ -1,16 +1,19 @@
 """What the core tells people ashore: model, plan, observations, health and log, each when it is due."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from autonomy import __version__
 from autonomy.config import Configuration
 from autonomy.effects import Effect, Level, Log, Publish, Topic
-from autonomy.learning.learner import Learner, Reestimate
+from autonomy.learning.description import describe
+from autonomy.learning.learner import Learner
+from autonomy.learning.rebuild import Reestimate
 from autonomy.mavlink.authority import mode_name
 from autonomy.mavlink.telemetry import Observation, Telemetry
 from autonomy.planning.plan import Plan
 from autonomy.planning.survey import SurveyArea
+from autonomy.quality import Flags, aggregate
 from autonomy.wire import HealthNotice, LogNotice, ModelSnapshot, ObservationNotice, PlanNotice
 
 
@@ -40,6 +43,7 @@ class Status:
         worker_busy: whether a job runs.
         in_touch: whether the autopilot is heard.
         distance_m: what has been sailed.
+        quality: readings by flag and test.
     """
 
     state: str
@@ -49,6 +53,7 @@ class Status:
     worker_busy: bool
     in_touch: bool
     distance_m: float
+    quality: Mapping[str, tuple[int, ...]]
 
 
 class Reporter:
@@ -75,25 +80,22 @@ class Reporter:
         """When `step` must be called at the latest."""
         return min(self._model_schedule.due, self._health_schedule.due)
 
-    def observed(self, observation: Observation) -> None:
-        """A reading that teaches the model."""
-        self._observations.append(
-            ObservationNotice(
-                observation.model_time_s, observation.lat_deg, observation.lon_deg, observation.value
-            )
-        )
+    def observed(self, observation: Observation, flags: Flags) -> None:
+        """A reading that teaches the model, or that would if its quality were better."""
+        flag, checks = int(aggregate(flags)), tuple(map(int, flags))
+        place = (observation.model_time_s, observation.lat_deg, observation.lon_deg)
+        self._observations.append(ObservationNotice(*place, observation.value, flag, checks))
 
     def reestimated(self, found: Reestimate) -> None:
         """The model was rebuilt, under other hyperparameters if the fit found any."""
         if found.fit.kept_start:
             self.log(Level.INFO, f"hyperparameters kept: {found.fit.message}")
             return
-        h = found.hyperparameters
-        scales = " x ".join(f"{scale:.0f}" for scale in h.lengthscales_m)
+        kernel = found.kernel
         self.log(
             Level.INFO,
-            f"re-estimated: mean {found.prior_mean:.3f}, signal sd {h.signal_variance**0.5:.3g}, "
-            f"length-scales {scales} m, noise sd {h.noise_variance**0.5:.3g}",
+            f"re-estimated: mean {found.prior_mean:.3f}, signal sd {kernel.signal_variance**0.5:.3g}, "
+            f"noise sd {kernel.noise_variance**0.5:.3g}; {describe(kernel)}",
         )
 
     def planned(self, plan: Plan, sequence: int) -> None:
@@ -165,7 +167,7 @@ class Reporter:
             software_version=__version__,
             variable=self._configuration.sensor.variable,
             units=self._configuration.sensor.units,
-            model=self._learner.model(),
+            model=self._learner.model(model_time_s),
             model_time_s=model_time_s,
             utc_s=None if offset_s is None else model_time_s + offset_s,
             samples=self._learner.samples,
@@ -198,4 +200,5 @@ class Reporter:
             link_ok=status.in_touch,
             worker_busy=status.worker_busy,
             dropped=0,
+            quality=status.quality,
         )

@@ -1,7 +1,7 @@
 """What people ashore receive: the published values, their keys and their CBOR form; see docs/wire.md."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -114,18 +114,25 @@ class PlanNotice:
 
 @dataclass(frozen=True)
 class ObservationNotice:
-    """One reading of the probe, in the variable's units, at a position and a time of the vehicle's clock."""
+    """One reading of the probe, in the variable's units, at a position and a time of the vehicle's clock.
+
+    `value` is NaN where the probe sent no finite number. `flag` is QARTOD's: 1 good, 2 not evaluated, 3 suspect,
+    4 fail, 9 missing; `checks` the flags of the single tests, in the order of `autonomy.quality.Check`.
+    """
 
     model_time_s: float
     lat_deg: float
     lon_deg: float
     value: float
+    flag: int
+    checks: tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class HealthNotice:
     """How the vehicle and its software are. None (or NaN) stands for a number that isn't known.
 
+    `quality` counts the readings flagged 1, 2, 3, 4 and 9 by each test, by its name, and as `aggregate`;
     `state` is the exploration's state and `reason` why it is in it; `mode` the autopilot's mode by name;
     `distance_m` what has been sailed; `clock_rate` vehicle seconds per second of this process; `link_ok`
     whether the autopilot is heard; `worker_busy` whether a job runs; `dropped` messages for the shore that
@@ -151,6 +158,7 @@ class HealthNotice:
     link_ok: bool
     worker_busy: bool
     dropped: int
+    quality: Mapping[str, tuple[int, ...]]
 
 
 @dataclass(frozen=True)
@@ -208,8 +216,12 @@ def _as_map(value: Payload) -> tuple[Topic, dict[str, Any]]:
     if isinstance(value, ObservationNotice):
         value = (value,)
     if isinstance(value, tuple):
-        names = [field.name for field in fields(ObservationNotice)]
-        return Topic.OBSERVATIONS, {name: _float64([getattr(one, name) for one in value]) for name in names}
+        names = ("model_time_s", "lat_deg", "lon_deg")
+        content: dict[str, Any] = {name: _float64([getattr(one, name) for one in value]) for name in names}
+        content["value"] = _float64([one.value if math.isfinite(one.value) else math.nan for one in value])
+        content["flag"] = cbor2.CBORTag(UINT8_TAG, bytes(one.flag for one in value))
+        content["checks"] = cbor2.CBORTag(UINT8_TAG, bytes(flag for one in value for flag in one.checks))
+        return Topic.OBSERVATIONS, content
     content = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     match value:
         case ModelSnapshot():

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
+from math import isnan
 from typing import Any
 
 import cbor2
@@ -14,6 +15,11 @@ MAXIMUM_CORNERS = 10_000
 MAXIMUM_REASON = 400
 MAXIMUM_LINE = 2000
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
+MAXIMUM_TALLIES = 20
+QARTOD_FLAGS = frozenset({1, 2, 3, 4, 9})
+CHECKS = 7
+"""Tests whose flags go with each observation: timing, syntax, gross range, location, spike, rate of change, flat
+line."""
 LEVELS = ("debug", "info", "warning", "error")
 
 # RFC 8746: little-endian float64, and bytes.
@@ -121,6 +127,47 @@ def _flags(maximum: int) -> Rule:
     return rule
 
 
+def _qartod(group: int = 1) -> Rule:
+    """A typed array of bytes, each a QARTOD flag; more than one of them make an element that is a tuple."""
+
+    def rule(value: Any) -> tuple[Any, ...]:
+        if (
+            not isinstance(value, cbor2.CBORTag)
+            or value.tag != UINT8_TAG
+            or not isinstance(value.value, bytes)
+        ):
+            raise WireError(f"must be an array of bytes, tag {UINT8_TAG} (got {brief(value)})")
+        elements, rest = divmod(len(value.value), group)
+        if rest or elements > MAXIMUM_OBSERVATIONS or not QARTOD_FLAGS.issuperset(value.value):
+            raise WireError(
+                f"must have at most {MAXIMUM_OBSERVATIONS} times {group} bytes, each 1, 2, 3, 4 or 9 "
+                f"(got {len(value.value)} bytes)"
+            )
+        if group == 1:
+            return tuple(value.value)
+        return tuple(tuple(value.value[k : k + group]) for k in range(0, len(value.value), group))
+
+    return rule
+
+
+def _reading(value: float) -> float:
+    """What a probe may send, which is a 32-bit number; NaN where it was not finite."""
+    return value if isnan(value) else _number(-3.5e38, 3.5e38)(value)
+
+
+def _tallies(value: Any) -> dict[str, tuple[int, ...]]:
+    """Counts of the five flags by the name of the test."""
+    if not isinstance(value, dict) or len(value) > MAXIMUM_TALLIES:
+        raise WireError(f"must be a map of at most {MAXIMUM_TALLIES} (got {brief(value)})")
+    name = _text(40)
+    counts: dict[str, tuple[int, ...]] = {}
+    for key, row in value.items():
+        if not isinstance(row, list | tuple) or len(row) != len(QARTOD_FLAGS):
+            raise WireError(f"must hold lists of {len(QARTOD_FLAGS)} counts (got {brief(row)})")
+        counts[name(key)] = tuple(_count(count) for count in row)
+    return counts
+
+
 def _pairs(minimum: int, maximum: int) -> Rule:
     flat = _numbers(minimum, maximum, _number(-180, 360), group=2)
 
@@ -186,7 +233,9 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "model_time_s": _columns,
         "lat_deg": _numbers(0, MAXIMUM_OBSERVATIONS, _latitude),
         "lon_deg": _numbers(0, MAXIMUM_OBSERVATIONS, _longitude),
-        "value": _columns,
+        "value": _numbers(0, MAXIMUM_OBSERVATIONS, _reading),
+        "flag": _qartod(),
+        "checks": _qartod(CHECKS),
     },
     Topic.HEALTH: {
         "state": _text(40),
@@ -208,6 +257,7 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "link_ok": _flag,
         "worker_busy": _flag,
         "dropped": _count,
+        "quality": _tallies,
     },
     Topic.LOG: {"level": _one_of(LEVELS), "text": _text(MAXIMUM_LINE)},
 }
@@ -217,7 +267,7 @@ RULES: dict[Topic, dict[str, Rule]] = {
 PARALLEL: dict[Topic, tuple[str, ...]] = {
     Topic.MODEL: (),
     Topic.PLAN: ("route_deg", "is_spot"),
-    Topic.OBSERVATIONS: ("model_time_s", "lat_deg", "lon_deg", "value"),
+    Topic.OBSERVATIONS: ("model_time_s", "lat_deg", "lon_deg", "value", "flag", "checks"),
     Topic.HEALTH: (),
     Topic.LOG: (),
 }

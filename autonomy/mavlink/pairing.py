@@ -11,7 +11,7 @@ _WAITING = 256
 
 @dataclass(frozen=True)
 class Observation:
-    """One reading of the sensor, where and when it was taken."""
+    """One reading of the sensor, where and when it was taken; the value is NaN where the sensor had none."""
 
     model_time_s: float
     lat_deg: float

@@ -108,7 +108,7 @@ class Telemetry:
         self._position_time_s = -math.inf
         self._heartbeats: deque[float] = deque(maxlen=_MISSED_HEARTBEATS + 1)
         self._heartbeat_s = 1.0
-        self._seen: dict[tuple[int, ...], None] = {}
+        self._seen: dict[tuple[int, int, int, str], None] = {}
         self._reached: deque[int] = deque(maxlen=_KEPT_EVENTS)
         self._texts: deque[StatusText] = deque(maxlen=_KEPT_EVENTS)
         self.dropped: Counter[str] = Counter()
@@ -262,9 +262,6 @@ class Telemetry:
         if self.state is None or message.get_srcSystem() != self.state.system_id:
             self.dropped["not from our vehicle"] += 1
             return []
-        if not math.isfinite(message.value):
-            self.dropped["not a number"] += 1
-            return []
         if self._is_from_autopilot(message) and message.time_boot_ms != 0:
             model_time_s = self._model_time(now, message.time_boot_ms)
         else:
@@ -280,7 +277,8 @@ class Telemetry:
     def _is_repeat(self, message: Any) -> bool:
         # Senders without a clock stamp zero; only the packet's number tells their readings apart.
         sequence = message.get_seq() if message.time_boot_ms == 0 else 0
-        key = (message.get_srcComponent(), message.time_boot_ms, sequence, message.value)
+        # As text, in which a NaN equals itself.
+        key = (message.get_srcComponent(), message.time_boot_ms, sequence, repr(message.value))
         if key in self._seen:
             return True
         self._seen[key] = None

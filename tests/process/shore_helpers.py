@@ -101,12 +101,13 @@ def health_notice(reason: str = "") -> HealthNotice:
         link_ok=True,
         worker_busy=False,
         dropped=0,
+        quality={"aggregate": (400, 0, 2, 1, 0)},
     )
 
 
 def observation(number: int) -> ObservationNotice:
     """The number-th reading of a run."""
-    return ObservationNotice(float(number), 34.4 + 1e-4 * number, -120.5, 33.0 + 1e-3 * number)
+    return ObservationNotice(float(number), 34.4 + 1e-4 * number, -120.5, 33.0 + 1e-3 * number, 1, (1,) * 7)
 
 
 @contextlib.contextmanager

@@ -101,7 +101,7 @@ def test_presence_comes_and_goes_with_the_publisher():
 def test_what_cannot_be_encoded_is_counted_and_nothing_else_suffers(caplog):
     endpoint = free_endpoint()
     with router(endpoint) as ashore, Listener(ashore) as listener, publisher(endpoint) as boat:
-        boat.publish(Topic.OBSERVATIONS, wire.ObservationNotice(0.0, 200.0, 0.0, 33.0))
+        boat.publish(Topic.OBSERVATIONS, wire.ObservationNotice(0.0, 200.0, 0.0, 33.0, 1, (1,) * 7))
         wait_until(lambda: boat.status.refused == 1)
         assert "observations: lat_deg: must be a number from -90 to 90" in caplog.text
         boat.publish(Topic.OBSERVATIONS, observation(1))

@@ -11,12 +11,17 @@ from autonomy.learning.learner import Learner
 from autonomy.mavlink.telemetry import Observation, Telemetry
 from autonomy.planning.plan import Plan
 from autonomy.planning.survey import SurveyArea
+from autonomy.quality import Check, Flag
 from autonomy.reporting import Reporter, Status
 
 FRAME = LocalFrame(33.5, -118.5)
 SURVEY = SurveyArea.from_geometry(FRAME, shapely.box(0, 0, 1000, 500))
 AREA = [(33.4, -118.6), (33.4, -118.4), (33.6, -118.4), (33.6, -118.6)]
-STATUS = Status("exploring", "in AUTO", 0.25, 3, worker_busy=True, in_touch=True, distance_m=1234.0)
+TALLY = {"aggregate": (7, 0, 1, 2, 0)}
+STATUS = Status(
+    "exploring", "in AUTO", 0.25, 3, worker_busy=True, in_touch=True, distance_m=1234.0, quality=TALLY
+)
+FLAGS = tuple(Flag.SUSPECT if check is Check.SPIKE else Flag.GOOD for check in Check)
 
 
 class Desk:
@@ -82,9 +87,10 @@ def test_after_a_stall_each_is_told_once(desk):
 def test_observations_go_ashore_in_order_and_once(desk):
     desk.step(50.0)
     for k in range(3):
-        desk.reporter.observed(Observation(float(k), 33.5, -118.5, 33.0 + k))
+        desk.reporter.observed(Observation(float(k), 33.5, -118.5, 33.0 + k), FLAGS)
     batch = desk.step(51.0)[Topic.OBSERVATIONS]
     assert [(each.model_time_s, each.value) for each in batch] == [(0.0, 33.0), (1.0, 34.0), (2.0, 35.0)]
+    assert {(each.flag, each.checks) for each in batch} == {(3, (1, 1, 1, 1, 3, 1, 1))}
     assert Topic.OBSERVATIONS not in desk.step(52.0)
 
 
@@ -106,6 +112,7 @@ def test_health_and_model_say_the_same(desk):
     )
     assert health.basis_size == len(model.model.basis) == 8
     assert (model.vehicle, model.sequence, model.bounds_m) == ("tern", 1, (0.0, 0.0, 1000.0, 500.0))
+    assert health.quality == TALLY
     assert (health.mode, health.lat_deg, health.distance_m) == ("unknown", None, 1234.0)
     assert (model.origin_lat_deg, model.origin_lon_deg) == (33.5, -118.5)
     assert model.utc_s is None
@@ -134,7 +141,7 @@ def test_debugging_lines_stay_on_board(desk):
 
 def test_the_last_words_leave_nothing_untold(desk):
     desk.step(50.0)
-    desk.reporter.observed(Observation(1.0, 33.5, -118.5, 33.0))
+    desk.reporter.observed(Observation(1.0, 33.5, -118.5, 33.0), FLAGS)
     desk.reporter.flush(STATUS)
     topics = [each.topic for each in desk.reporter.take()]
     assert topics == [Topic.HEALTH, Topic.OBSERVATIONS, Topic.MODEL]

@@ -1,13 +1,16 @@
 """Which readings teach the model, and why the others don't."""
 
+import math
+
 import numpy as np
 import pytest
 import shapely
 
-from autonomy.config import SamplingSection, SensorSection
+from autonomy.config import Configuration
 from autonomy.geometry import LocalFrame
 from autonomy.mavlink.telemetry import Observation, VehicleState
 from autonomy.planning.survey import SurveyArea
+from autonomy.quality import Flag, aggregate
 from autonomy.sampling import SampleGate
 
 FRAME = LocalFrame(33.5, -118.5)
@@ -16,14 +19,29 @@ SURVEY = SurveyArea.from_geometry(
 )
 
 
-class Gate:
-    def __init__(self, spacing_m=100.0, minimum=30.0, maximum=40.0):
-        sampling = SamplingSection(spacing_m=spacing_m, minimum_speed_mps=0.5)
-        self.gate = SampleGate(SURVEY, sampling, SensorSection(minimum=minimum, maximum=maximum))
+AREA = [(33.4, -118.6), (33.4, -118.4), (33.6, -118.4), (33.6, -118.6)]
 
-    def admit(self, x, y, value=33.0, *, started=True, speed_mps=2.0, ekf_ok=True):
+
+class Gate:
+    """Readings a second apart; what is held back for the next one comes out at the end of `admit`."""
+
+    def __init__(self, spacing_m=100.0, minimum=30.0, maximum=40.0, **quality):
+        configuration = Configuration.model_validate(
+            {
+                "survey": {"area": AREA},
+                "sampling": {"spacing_m": spacing_m, "minimum_speed_mps": 0.5},
+                "sensor": {"minimum": minimum, "maximum": maximum},
+                # The boat of these tests flies from place to place.
+                "quality": {"maximum_speed_mps": 1e6, **quality},
+            }
+        )
+        self.gate = SampleGate(SURVEY, configuration)
+        self.time_s = 0.0
+
+    def take(self, x, y, value=33.0, *, started=True, speed_mps=2.0, ekf_ok=True):
+        self.time_s += 1.0
         lat_deg, lon_deg = map(float, FRAME.to_geodetic((x, y)))
-        observation = Observation(1.0, lat_deg, lon_deg, value)
+        observation = Observation(self.time_s, lat_deg, lon_deg, value)
         vehicle = VehicleState(
             *(1, 1, 3, 11, 10, True, 4),
             lat_deg=lat_deg,
@@ -31,7 +49,14 @@ class Gate:
             groundspeed_mps=speed_mps,
             ekf_ok=ekf_ok,
         )
-        return self.gate.admit(observation, vehicle, survey_started=started)
+        return self.gate.take(observation, vehicle, survey_started=started)
+
+    def samples(self, *args, **kwargs):
+        return self.take(*args, **kwargs) + self.gate.release(math.inf)
+
+    def admit(self, *args, **kwargs):
+        learnt = [sample.point_m for sample in self.samples(*args, **kwargs) if sample.teaches]
+        return learnt[0] if learnt else None
 
 
 def test_a_good_reading_comes_through_at_its_place():
@@ -44,7 +69,8 @@ def test_a_good_reading_comes_through_at_its_place():
         ({"x": 200.0, "y": 200.0, "started": False}, "survey not started"),
         ({"x": 200.0, "y": 200.0, "value": 29.9}, "outside the sensor's range"),
         ({"x": 200.0, "y": 200.0, "value": 40.1}, "outside the sensor's range"),
-        ({"x": 200.0, "y": 200.0, "value": float("nan")}, "outside the sensor's range"),
+        ({"x": 200.0, "y": 200.0, "value": float("nan")}, "not a number"),
+        ({"x": 200.0, "y": 200.0, "value": float("inf")}, "not a number"),
         ({"x": 200.0, "y": 200.0, "speed_mps": 0.4}, "not under way"),
         ({"x": 200.0, "y": 200.0, "ekf_ok": False}, "the vehicle is not sure of its position"),
         ({"x": -1.0, "y": 200.0}, "outside the survey area"),
@@ -56,6 +82,38 @@ def test_refused_readings_are_counted_and_change_nothing(reading, reason):
     assert gate.admit(**reading) is None
     assert gate.gate.refused == {reason: 1}
     assert gate.admit(200.0, 200.0) is not None
+
+
+def test_the_newest_reading_waits_for_the_next_and_all_come_in_their_order():
+    gate = Gate(spacing_m=0.0)
+    values = [33.0 + 0.01 * math.sin(7.0 * k) for k in range(40)]
+    came = [[s.observation.value for s in gate.take(100.0 + 2.0 * k, 100.0, v)] for k, v in enumerate(values)]
+    assert came[:12] == [[]] * 12  # until the stream has shown what is usual
+    assert came[12] == values[:12]
+    assert came[13:] == [[value] for value in values[12:-1]]
+    assert [s.observation.value for s in gate.gate.release(math.inf)] == values[-1:]
+
+
+@pytest.mark.parametrize("learn_from", ["good", "good_and_suspect"])
+def test_what_is_bad_is_told_and_does_not_teach(learn_from):
+    gate = Gate(spacing_m=0.0, minimum=-1e6, maximum=1e6, suspect_maximum=35.0, learn_from=learn_from)
+    samples = []
+    for k in range(40):
+        value = {20: 1000.0, 25: math.nan, 30: 35.02}.get(k, 34.98 + 0.01 * math.sin(7.0 * k))
+        samples += gate.take(100.0 + 2.0 * k, 100.0, value)
+    samples += gate.gate.release(math.inf)
+    assert len(samples) == 40
+    refused = {k: aggregate(sample.flags) for k, sample in enumerate(samples) if not sample.teaches}
+    suspect = {30: Flag.SUSPECT} if learn_from == "good" else {}
+    assert refused == {20: Flag.FAIL, 25: Flag.MISSING, **suspect}
+    assert gate.gate.quality.counts["aggregate"] == (37, 0, 1, 1, 1)
+
+
+def test_a_probe_that_stays_bad_is_told_at_the_sampling_distance():
+    gate = Gate(spacing_m=100.0)
+    told = [k for k in range(40) for _ in gate.samples(100.0 + 10.01 * k, 100.0, 99.0)]
+    assert told == [0, 10, 20, 30]
+    assert gate.gate.refused == {"outside the sensor's range": 40}
 
 
 def test_within_the_stand_off_is_still_the_survey():
@@ -77,9 +135,9 @@ def test_without_a_spacing_every_reading_teaches():
 @pytest.mark.parametrize(
     ("sensor", "good", "bad", "reason"),
     [
-        (SensorSection(transform="log"), 0.3, 0.0, "the logarithm needs values above 0"),
+        ({"transform": "log"}, 0.3, 0.0, "the logarithm needs values above 0"),
         (
-            SensorSection(transform="logit", transform_bounds=(0.0, 40.0)),
+            {"transform": "logit", "transform_bounds": (0.0, 40.0)},
             39.9,
             40.0,
             "the logit needs values between 0 and 40, the ends excluded",
@@ -88,7 +146,8 @@ def test_without_a_spacing_every_reading_teaches():
 )
 def test_what_cannot_be_transformed_is_refused_with_the_reason(sensor, good, bad, reason):
     gate = Gate()
-    gate.gate = SampleGate(SURVEY, SamplingSection(spacing_m=0.0), sensor)
+    configuration = {"survey": {"area": AREA}, "sampling": {"spacing_m": 0.0}, "sensor": sensor}
+    gate.gate = SampleGate(SURVEY, Configuration.model_validate(configuration))
     assert gate.admit(200.0, 200.0, bad) is None
     assert gate.gate.refused == {reason: 1}
     assert gate.admit(200.0, 200.0, good) is not None

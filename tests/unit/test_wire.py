@@ -49,7 +49,11 @@ plans = st.integers(0, 20).flatmap(
         reason=st.text(max_size=400),
     )
 )
-observations = st.lists(st.builds(ObservationNotice, number, latitude, longitude, number)).map(tuple)
+flag = st.sampled_from([1, 2, 3, 4, 9])
+reading = st.floats(width=32, allow_nan=False, allow_infinity=False)
+observations = st.lists(
+    st.builds(ObservationNotice, number, latitude, longitude, reading, flag, st.tuples(*[flag] * 7))
+).map(tuple)
 healths = st.builds(
     HealthNotice,
     state=st.text(max_size=40),
@@ -71,12 +75,14 @@ healths = st.builds(
     link_ok=st.booleans(),
     worker_busy=st.booleans(),
     dropped=count,
+    quality=st.dictionaries(st.text(max_size=40), st.tuples(*[count] * 5), max_size=8),
 )
 logs = st.builds(LogNotice, st.sampled_from(["debug", "info", "warning", "error"]), st.text(max_size=2000))
 
 HEALTH = HealthNotice(
     *("EXPLORING", "", "AUTO", True, 34.0, -120.0, 90.0, 1.5, 9.0),
     *(10, 5, 0.2, 0.6, 1, 100.0, 1.0, True, False, 0),
+    quality={"aggregate": (9, 0, 1, 0, 0)},
 )
 PLAN = PlanNotice(0, (34.0, -120.0), ((34.1, -120.1),), (True,), 1.0, "paper", "first plan")
 MODEL = ModelSnapshot(
@@ -95,13 +101,18 @@ MODEL = ModelSnapshot(
     origin_lon_deg=-120.0,
     bounds_m=(-10.0, -20.0, 30.0, 40.0),
 )
+GOOD_CHECKS = (1, 1, 1, 1, 3, 2, 1)
 GOOD = {
     Topic.MODEL: MODEL,
     Topic.PLAN: PLAN,
-    Topic.OBSERVATIONS: ObservationNotice(1.0, 34.0, -120.0, 33.0),
+    Topic.OBSERVATIONS: ObservationNotice(1.0, 34.0, -120.0, 33.0, 3, GOOD_CHECKS),
     Topic.HEALTH: HEALTH,
     Topic.LOG: LogNotice("info", "hello"),
 }
+
+
+def observed(**changes):
+    return dataclasses.replace(GOOD[Topic.OBSERVATIONS], **changes)
 
 
 @given(plans)
@@ -129,6 +140,13 @@ def test_one_observation_is_a_batch_of_one():
     assert decode(Topic.OBSERVATIONS, encode(one)) == (one,)
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_readings_without_a_number_travel_as_nan(value):
+    (back,) = decode(Topic.OBSERVATIONS, encode(observed(value=value, flag=9)))
+    assert math.isnan(back.value)
+    assert back.flag == 9
+
+
 def test_a_model_comes_back_with_its_place_on_earth():
     back = decode(Topic.MODEL, encode(MODEL))
     for field in dataclasses.fields(ModelSnapshot):
@@ -151,8 +169,17 @@ def test_numbers_that_may_be_unknown_travel_as_null(unknown):
         (dataclasses.replace(MODEL, model_time_s=math.nan), "model: model_time_s: must be a number"),
         (dataclasses.replace(MODEL, bounds_m=(1.0, 0.0, 0.0, 1.0)), "model: bounds_m: must be x minimum"),
         (dataclasses.replace(MODEL, vehicle="a/b"), "model: vehicle: must match"),
-        (ObservationNotice(0.0, 34.0, -120.0, math.nan), "observations: value: must be a number"),
-        (ObservationNotice(0.0, 91.0, -120.0, 1.0), "observations: lat_deg: must be a number from -90 to 90"),
+        (observed(value=1e39), "observations: value: must be a number"),
+        (observed(lat_deg=91.0), "observations: lat_deg: must be a number from -90 to 90"),
+        (observed(flag=0), "observations: flag: must have at most 4096 times 1 bytes, each 1, 2, 3, 4 or 9"),
+        (observed(checks=(1, 1)), "observations: checks: must have at most 4096 times 7 bytes"),
+        (observed(checks=GOOD_CHECKS * 2), "must be equally long"),
+        (dataclasses.replace(HEALTH, quality={"spike": (1, 2)}), "health: quality: must hold lists of 5"),
+        (
+            dataclasses.replace(HEALTH, quality={"spike": (1, 2, 3, 4, -1)}),
+            "health: quality: must be a whole",
+        ),
+        (dataclasses.replace(HEALTH, quality=[]), "health: quality: must be a map of at most 20"),
         (dataclasses.replace(PLAN, is_spot=()), "plan: route_deg, is_spot: must be equally long"),
         (dataclasses.replace(HEALTH, samples=-1), "health: samples: must be a whole number"),
         (LogNotice("shout", "hello"), "log: level: must be one of debug, info, warning, error"),

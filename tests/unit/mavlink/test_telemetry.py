@@ -99,11 +99,13 @@ def test_readings_far_from_any_fix_are_dropped() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_values_that_are_no_numbers_are_rejected(value: float) -> None:
+def test_values_that_are_no_numbers_are_passed_on_once(value: float) -> None:
     telemetry, boat = ready()
     telemetry.handle(0.0, boat.position(10.0))
+    (observation,) = telemetry.handle(0.0, boat.reading(10.0, value))
+    assert repr(observation.value) == repr(value)
     assert telemetry.handle(0.0, boat.reading(10.0, value)) == []
-    assert telemetry.dropped["not a number"] == 1
+    assert telemetry.dropped == {"repeated": 1}
 
 
 def test_names_are_compared_as_the_wire_cuts_them() -> None:
