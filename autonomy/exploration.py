@@ -29,6 +29,7 @@ class Figures:
     Attributes:
         model_time_s: the vehicle's clock.
         basis_size: number of basis vectors.
+        capacity: how many there may be.
         fresh: how many of them were added since the mark set by the last plan.
         replaced: how many replacements there were since then.
         path_finished: the mission on board, ours, has been sailed to its end.
@@ -38,6 +39,7 @@ class Figures:
 
     model_time_s: float
     basis_size: int
+    capacity: int
     fresh: int
     replaced: int
     path_finished: bool
@@ -57,9 +59,8 @@ class Decision:
 class Exploration:
     """The stopping rule of one path: rho, the finished path and the maximum interval."""
 
-    def __init__(self, section: ExplorationSection, capacity: int) -> None:
+    def __init__(self, section: ExplorationSection) -> None:
         self._section = section
-        self._capacity = capacity
         self._last_reestimate_s: float | None = None
         self._last_cells = 0
 
@@ -70,7 +71,7 @@ class Exploration:
         paper, in words). `replaced`: the pseudo-code read literally, where only a replacement increases rho.
         """
         if self._section.rho_rule == "replaced":
-            return min(1.0, figures.replaced / self._capacity)
+            return min(1.0, figures.replaced / figures.capacity)
         return figures.fresh / figures.basis_size if figures.basis_size else 0.0
 
     def decide(self, figures: Figures) -> Decision | None:

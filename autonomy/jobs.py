@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-from autonomy.learning.learner import Reestimate, ReestimateRequest, reestimate
+from autonomy.learning.rebuild import Reestimate, ReestimateRequest, reestimate
 from autonomy.planning.plan import Plan
 from autonomy.planning.planners import PLANNERS, PlanningError, PlanRequest
 from autonomy.planning.survey import SurveyArea

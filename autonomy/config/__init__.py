@@ -14,6 +14,9 @@ from autonomy.config.problems import ConfigurationError, Origin, Problem, Source
 from autonomy.config.reference import holds_file, section_of
 from autonomy.config.translate import translate
 from autonomy.config.tree import (
+    LARGEST_CAPACITY,
+    LEAST_CHOSEN_CAPACITY,
+    Candidate,
     Configuration,
     EstimationSection,
     ExplorationSection,
@@ -32,6 +35,9 @@ from autonomy.config.tree import (
 )
 
 __all__ = [
+    "LARGEST_CAPACITY",
+    "LEAST_CHOSEN_CAPACITY",
+    "Candidate",
     "Configuration",
     "ConfigurationError",
     "EstimationSection",

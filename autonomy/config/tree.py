@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -23,6 +23,23 @@ from autonomy.config.types import (
     NonNegative,
     Positive,
 )
+
+LEAST_CHOSEN_CAPACITY = 50
+"""Fewer basis vectors are never chosen where `model.capacity` leaves the choice."""
+
+LARGEST_CAPACITY = 300
+"""Above this the exact process is within some percent."""
+
+Candidate = Literal[
+    "squared_exponential",
+    "squared_exponential_ard",
+    "matern32",
+    "long_short",
+    "ou",
+    "smooth_motion",
+    "static_moving",
+]
+_MOVING = ("ou", "smooth_motion", "static_moving")
 
 
 @dataclass(frozen=True)
@@ -301,12 +318,27 @@ class HyperparametersSection(Section):
 class ModelSection(Section):
     """The sparse online Gaussian process."""
 
-    capacity: int = Field(
-        default=100,
-        ge=2,
-        le=300,
-        description="largest number of basis vectors kept; a reading costs its square in time, "
-        "and above 300 there is little to gain",
+    capacity: Annotated[int, Field(ge=2, le=LARGEST_CAPACITY)] | None = Field(
+        default=None,
+        description="largest number of basis vectors kept; null: what area and length-scales ask for, 50 to 300, "
+        "as far as memory_mb and update_us go",
+    )
+    memory_mb: float = Field(
+        default=64.0,
+        ge=4,
+        le=4096,
+        allow_inf_nan=False,
+        description="memory for the model's state where capacity is null; it grows with the capacity's square",
+        json_schema_extra={"unit": "MB"},
+    )
+    update_us: float = Field(
+        default=4000.0,
+        ge=500,
+        le=100_000,
+        allow_inf_nan=False,
+        description="time for learning one reading where capacity is null, on one core of 2020; "
+        "it grows with the capacity's square",
+        json_schema_extra={"unit": "µs"},
     )
     novelty: float = Field(
         default=1e-3,
@@ -349,7 +381,7 @@ class ModelSection(Section):
                 "0 needs model.hyperparameters: without first readings there is nothing to derive them from",
                 "at least 1, or model.hyperparameters given",
             )
-        if self.history_cells < self.capacity:
+        if self.capacity is not None and self.history_cells < self.capacity:
             what = f"must be at least model.capacity ({self.capacity}) (got {self.history_cells})"
             yield Conflict(("history_cells", "capacity"), what, "model.history_cells >= model.capacity")
 
@@ -370,12 +402,24 @@ class EstimationSection(Section):
     priors: bool = Field(
         default=True, description="whether weak log-normal priors scaled to the survey take part"
     )
-    isotropic: bool = Field(default=True, description="whether one length-scale serves both axes")
+    candidates: Annotated[tuple[Candidate, ...], Field(strict=False, min_length=1)] = Field(
+        default=get_args(Candidate),
+        description="kernels among which the penalised objective chooses; ou, smooth_motion and static_moving "
+        "are for water that moves",
+        json_schema_extra={"allowed": f"a list of some of {', '.join(get_args(Candidate))}"},
+    )
     maximum_points: int = Field(default=300, ge=20, le=1000, description="most points used in one fit")
     iterations: int = Field(default=100, ge=1, le=10_000, description="most iterations of the optimiser")
     learning_rate: Positive = Field(
         default=0.01, description="step of gradient_ascent; lbfgs does not use it"
     )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Nobody knows when a basis vector's reading was taken."""
+        moving = [name for name in self.candidates if name in _MOVING]
+        if self.data == "basis" and moving:
+            what = f"basis tells no times, which {moving[0]} in estimation.candidates needs"
+            yield Conflict(("data", "candidates"), what, "history, or candidates that do not move")
 
 
 class ExplorationSection(Section):
@@ -478,8 +522,13 @@ class Configuration(Section):
 
     def conflicts(self) -> Iterator[Conflict]:
         """A basis that can't grow to its minimum would never re-estimate."""
-        if self.model.capacity < self.exploration.minimum_basis:
-            minimum, capacity = self.exploration.minimum_basis, self.model.capacity
+        minimum, capacity = self.exploration.minimum_basis, self.model.capacity
+        keys = ("exploration.minimum_basis", "model.capacity")
+        if capacity is not None and capacity < minimum:
             what = f"must be at most model.capacity ({capacity}) (got {minimum})"
-            keys = ("exploration.minimum_basis", "model.capacity")
             yield Conflict(keys, what, "exploration.minimum_basis <= model.capacity")
+        if capacity is None and minimum > LEAST_CHOSEN_CAPACITY:
+            what = f"must be at most {LEAST_CHOSEN_CAPACITY} while model.capacity is null (got {minimum})"
+            yield Conflict(
+                keys, what, f"at most {LEAST_CHOSEN_CAPACITY}, or a model.capacity of at least as much"
+            )

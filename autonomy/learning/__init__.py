@@ -4,7 +4,8 @@ from autonomy.learning.field_model import FieldModel, Prediction
 from autonomy.learning.history import History, HistoryCells
 from autonomy.learning.hyperparameters import Fit, Priors, fit, log_marginal_likelihood, loo_log_likelihood
 from autonomy.learning.kernel import Hyperparameters, covariance
-from autonomy.learning.learner import Learner, Reestimate, ReestimateRequest, reestimate
+from autonomy.learning.learner import Learner
+from autonomy.learning.rebuild import Reestimate, ReestimateRequest, reestimate
 from autonomy.learning.snapshot import Snapshot, SnapshotError
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 

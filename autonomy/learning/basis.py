@@ -22,14 +22,22 @@ def prior_factors(basis: FloatArray, kernel: Kernel, jitter: float) -> tuple[Flo
     return tuple(prior_factor(basis, group, jitter) for group in kernel.groups)
 
 
-def select_basis(points: FloatArray, kernel: Kernel, capacity: int, novelty: float) -> list[int]:
+def select_basis(
+    points: FloatArray,
+    kernel: Kernel,
+    capacity: int,
+    novelty: float,
+    relevance: FloatArray | None = None,
+) -> list[int]:
     """Indices of at most `capacity` of `points` (N, d) by pivoted Cholesky, the worst explained first.
 
     What the chosen leave unexplained of a place is summed over the groups, as the filter sums it. Stops
-    when no point has more than novelty·σf² of its variance left.
+    when no point has more than novelty·σf² of its variance left. `relevance` (groups, N), from 0 to 1: the
+    field of a group at a point counts times this.
     """
     groups, steps = kernel.groups, min(capacity, len(points))
-    remaining = np.array([np.full(len(points), group.variance) for group in groups])
+    weights = np.ones((len(groups), len(points))) if relevance is None else relevance
+    remaining = np.array([group.variance * weight**2 for group, weight in zip(groups, weights, strict=True)])
     rows = np.zeros((len(groups), steps, len(points)))
     floor = max(novelty, 1e-12) * kernel.signal_variance
     chosen: list[int] = []
@@ -38,9 +46,9 @@ def select_basis(points: FloatArray, kernel: Kernel, capacity: int, novelty: flo
         pivot = int(total.argmax())
         if total[pivot] <= floor:
             break
-        for left, known, group in zip(remaining, rows, groups, strict=True):
+        for left, known, group, weight in zip(remaining, rows, groups, weights, strict=True):
             if left[pivot] > 1e-12 * group.variance:
-                row = group.covariance(points[pivot : pivot + 1], points)[0]
+                row = weight[pivot] * weight * group.covariance(points[pivot : pivot + 1], points)[0]
                 known[step] = (row - known[:step, pivot] @ known[:step]) / math.sqrt(left[pivot])
                 left -= known[step] ** 2
             left[pivot] = 0.0

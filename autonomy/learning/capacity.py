@@ -13,12 +13,13 @@ vector costs a few passes over S: `FIXED_US` + `US_PER_ENTRY`·D² microseconds 
 import math
 from dataclasses import dataclass
 
+from autonomy.config import LARGEST_CAPACITY, LEAST_CHOSEN_CAPACITY
 from autonomy.learning.kernel import Kernel
 
-FEWEST = 50
+FEWEST = LEAST_CHOSEN_CAPACITY
 """Fewer are never chosen: a survey shorter than its length-scales still has a trend and a boundary."""
 
-MOST = 300
+MOST = LARGEST_CAPACITY
 """More are never chosen: the exact process is within some percent."""
 
 FIXED_US, US_PER_ENTRY = 80.0, 0.01

@@ -11,8 +11,9 @@ from scipy.linalg.lapack import dpotrf
 from autonomy.config import EstimationSection
 from autonomy.learning.hyperparameters import fit, loo_log_likelihood
 from autonomy.learning.kernel import Hyperparameters, covariance
-from autonomy.learning.learner import Learner, reestimate
+from autonomy.learning.learner import Learner
 from autonomy.learning.likelihood import log_marginal_likelihood
+from autonomy.learning.rebuild import reestimate
 from autonomy.learning.snapshot import decode, encode
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 

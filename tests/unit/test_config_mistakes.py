@@ -131,7 +131,7 @@ BROKEN = {
         "4:3",
         "model.capasity",
         "unknown key; did you mean capacity?",
-        "capacity, novelty",
+        "capacity, memory_mb, update_us, novelty",
     ),
     "key of another section": Broken(
         AREA + "model:\n  rho0: 0.5\n", "4:3", "model.rho0", "unknown key; did you mean exploration.rho0?"
@@ -294,6 +294,30 @@ BROKEN = {
         "exploration.minimum_basis",
         "must be at most model.capacity (20) (got 30)",
         "exploration.minimum_basis <= model.capacity",
+    ),
+    "a minimum that a chosen capacity may miss": Broken(
+        AREA + "exploration:\n  minimum_basis: 80\n",
+        "4:3",
+        "exploration.minimum_basis",
+        "must be at most 50 while model.capacity is null (got 80)",
+        "at most 50, or a model.capacity of at least as much",
+    ),
+    "motion from readings without times": Broken(
+        AREA + "estimation:\n  data: basis\n  candidates: [matern32, static_moving]\n",
+        "4:3",
+        "estimation.data",
+        "basis tells no times, which static_moving in estimation.candidates needs",
+        "history, or candidates that do not move",
+    ),
+    "a kernel that does not exist": Broken(
+        AREA + "estimation:\n  candidates: [matern32, matern52]\n",
+        "4:26",
+        "estimation.candidates[1]",
+        "must be one of",
+        "squared_exponential",
+    ),
+    "no kernel at all": Broken(
+        AREA + "estimation:\n  candidates: []\n", "4:3", "estimation.candidates", "needs", "a list of some of"
     ),
     "more spots than sites": Broken(
         AREA + "planning:\n  lattice: [4, 5]\n",

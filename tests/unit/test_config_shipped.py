@@ -58,7 +58,7 @@ def test_paper_yaml_is_the_papers_setting() -> None:
         "gradient_ascent",
     )
     assert not estimation.priors
-    assert not estimation.isotropic
+    assert estimation.candidates == ("squared_exponential_ard",)
     assert (exploration.rho0, exploration.rho_rule, exploration.minimum_basis) == (0.6, "added", 1)
     assert exploration.maximum_interval_s is None
     assert not exploration.reestimate_on_path_end

@@ -12,13 +12,13 @@ PAPER = ExplorationSection(rho0=0.6, minimum_basis=1, maximum_interval_s=None, r
 
 
 def figures(basis_size=50, fresh=0, *, replaced=0, finished=False, time_s=0.0, cells=0, spread=1.0):
-    return Figures(time_s, basis_size, fresh, replaced, finished, cells, spread)
+    return Figures(time_s, basis_size, CAPACITY, fresh, replaced, finished, cells, spread)
 
 
 def some_figures():
     return st.builds(
         lambda size, share, replaced, finished, time_s: Figures(
-            time_s, size, round(share * size), replaced, finished, 0, 1.0
+            time_s, size, CAPACITY, round(share * size), replaced, finished, 0, 1.0
         ),
         st.integers(0, CAPACITY),
         st.floats(0.0, 1.0),
@@ -29,7 +29,7 @@ def some_figures():
 
 
 def exploration(**section):
-    return Exploration(ExplorationSection(**section), CAPACITY)
+    return Exploration(ExplorationSection(**section))
 
 
 @given(some_figures(), st.sampled_from(["added", "replaced"]))
@@ -45,7 +45,7 @@ def test_a_threshold_of_one_is_never_exceeded(figures, rule):
 
 @given(some_figures())
 def test_the_papers_rule_in_words(figures):
-    decision = Exploration(PAPER, CAPACITY).decide(figures)
+    decision = Exploration(PAPER).decide(figures)
     if figures.basis_size and figures.fresh / figures.basis_size > 0.6:
         assert decision is not None
         assert decision.trigger is Trigger.NOVELTY
@@ -61,7 +61,7 @@ def test_the_papers_rule_in_words(figures):
 @given(some_figures())
 def test_the_papers_rule_as_its_pseudo_code_has_it(figures):
     literal = PAPER.model_copy(update={"rho_rule": "replaced"})
-    decision = Exploration(literal, CAPACITY).decide(figures)
+    decision = Exploration(literal).decide(figures)
     fires = figures.basis_size >= 1 and figures.replaced / CAPACITY > 0.6
     assert (decision is not None and decision.trigger is Trigger.NOVELTY) == fires
 

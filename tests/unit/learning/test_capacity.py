@@ -1,13 +1,16 @@
 import math
 import pickle
+from typing import get_args
 
 import numpy as np
 import pytest
 
-from autonomy.learning.basis import prior_factor, select_basis
+from autonomy.config import Candidate, EstimationSection
+from autonomy.learning.basis import select_basis
 from autonomy.learning.capacity import FEWEST, MOST, Budget, affordable, choose_capacity, state_bytes
 from autonomy.learning.kernel import Component, Hyperparameters, Kernel
 from autonomy.learning.spatial import SPATIAL, Matern32, SquaredExponential
+from autonomy.learning.structures import STRUCTURES
 from autonomy.learning.temporal import MaternMotion, OrnsteinUhlenbeck, Static
 
 AREA_M2 = 1e6
@@ -88,8 +91,8 @@ def test_a_basis_of_that_size_explains_nearly_all_of_a_smooth_field(scale):
     axis = np.linspace(0, 1000, 41)
     lattice = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     capacity = choose_capacity(h.kernel, AREA_M2, AMPLE)
-    basis = lattice[select_basis(lattice, h, capacity, 0.0)]
-    L = prior_factor(basis, h, 1e-8)
+    basis = lattice[select_basis(lattice, h.kernel, capacity, 0.0)]
+    L = np.linalg.cholesky(h.kernel.covariance(basis, basis) + 1e-8 * np.eye(capacity))
     explained = np.square(np.linalg.solve(L, h.kernel.covariance(basis, lattice))).sum(axis=0)
     print(f"l = {scale:.0f} m: {capacity} basis vectors, unexplained at most {1 - explained.min():.4f}")
     assert 1 - explained.min() < 0.05
@@ -109,3 +112,14 @@ def test_an_impossible_budget_is_refused(numbers):
 
 def test_a_budget_travels_by_pickle():
     assert pickle.loads(pickle.dumps(Budget(3.0, 900.0))) == Budget(3.0, 900.0)
+
+
+def test_the_candidates_of_the_configuration_are_the_structures_there_are():
+    assert get_args(Candidate) == tuple(STRUCTURES)
+    for name, structure in STRUCTURES.items():
+        told = EstimationSection.model_validate({"candidates": [name]})
+        if structure.moves:
+            with pytest.raises(ValueError, match="tells no times"):
+                EstimationSection(data="basis", candidates=told.candidates)
+        else:
+            EstimationSection(data="basis", candidates=told.candidates)

@@ -7,12 +7,14 @@ import pytest
 
 from autonomy.config import EstimationSection
 from autonomy.learning.kernel import Hyperparameters, covariance
-from autonomy.learning.learner import Learner, reestimate
+from autonomy.learning.learner import Learner
+from autonomy.learning.rebuild import reestimate
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 
 SPAN = 1000.0
 TRUE = Hyperparameters(1.0, 0.01, (SPAN / 6, SPAN / 6))
 OPTIONS = EstimationSection()
+SMOOTH = EstimationSection(candidates=("squared_exponential",))
 
 
 def field(rng, h=TRUE, features=1500):
@@ -60,8 +62,8 @@ def test_before_birth_it_believes_a_prior_good_enough_for_a_first_plan():
     assert [learner.add((i, 0.0), 33.5, float(i)) for i in range(19)] == [None] * 19
     model = learner.model()
     assert len(model) == len(learner.basis) == learner.fresh_count == 0
-    assert model.kernel.hyperparameters.signal_variance == 1.0
-    assert model.kernel.hyperparameters.lengthscales_m == (SPAN / 6, SPAN / 6)
+    assert model.kernel.hyperparameters.signal_variance == pytest.approx(1.0)
+    assert model.kernel.hyperparameters.lengthscales_m == pytest.approx((SPAN / 6, SPAN / 6))
     with pytest.raises(RuntimeError, match="19 of 20"):
         _ = learner.gp
     with pytest.raises(RuntimeError, match="not born"):
@@ -75,7 +77,7 @@ def test_at_birth_the_first_readings_tell_offset_and_scale_and_are_all_learnt():
     assert learner.gp.prior_mean == pytest.approx(y[:20].mean())
     assert h.signal_variance == pytest.approx(y[:20].var())
     assert h.noise_variance == pytest.approx(0.01 * y[:20].var())
-    by_hand = SparseOnlineGP(h, 100, prior_mean=float(y[:20].mean()))
+    by_hand = SparseOnlineGP(h, learner.capacity, prior_mean=float(y[:20].mean()))
     for point, value in zip(x, y, strict=True):
         by_hand.update(point, value)
     np.testing.assert_allclose(learner.model().predict(x).mean, by_hand.predict(x).mean, atol=1e-12)
@@ -125,22 +127,16 @@ def test_fresh_basis_vectors_are_those_added_since_the_mark():
 
 @pytest.mark.parametrize("factor", [0.1, 10.0])
 def test_a_rebuild_is_nearly_as_good_as_the_exact_process_on_all_readings(factor):
-    """2000 readings, 100 basis vectors, from length-scales ten times off; pooled over four seas."""
-    rebuilt, exact, exact_refitted = [], [], []
-    for seed in range(4):
+    """2000 readings, 100 basis vectors, from length-scales ten times off; tests/accuracy has ten seas."""
+    for seed in range(2):
         truth, x, y = survey(seed, 2000)
         wrong = replace(TRUE, lengthscales_m=(SPAN / 6 * factor,) * 2)
-        learner = taught(Learner(SPAN, hyperparameters=wrong), x, y)
+        learner = taught(Learner(SPAN, capacity=100, hyperparameters=wrong), x, y)
         result = reestimate(learner.reestimate_request(seed, OPTIONS))
         learner.adopt(result)
         assert result.points == 300
-        rebuilt.append(rmse(learner.model().predict(grid()).mean, truth))
-        exact.append(rmse(dense_mean(x, y, TRUE, 33.5), truth))
-        exact_refitted.append(rmse(dense_mean(x, y, result.hyperparameters, result.prior_mean), truth))
-    pooled = [math.sqrt(np.mean(np.square(errors))) for errors in (rebuilt, exact, exact_refitted)]
-    print(f"RMSE rebuilt / exact: {pooled[0] / pooled[1]:.3f}, with its own fit: {pooled[0] / pooled[2]:.3f}")
-    assert pooled[0] <= 1.10 * pooled[1]
-    assert pooled[0] <= 1.10 * pooled[2]
+        rebuilt = rmse(learner.model().predict(grid()).mean, truth)
+        assert rebuilt <= 1.10 * rmse(dense_mean(x, y, TRUE, 33.5), truth)
 
 
 def dense_mean(x, y, h, prior_mean):
@@ -189,9 +185,9 @@ def late_by(n, capacity=300):
     """A learner to which an answer has come after `n` more readings, those readings, and what it learns."""
     _, x, y = survey(5, 100 + n)
     learner = taught(Learner(SPAN, capacity=capacity), x[:100], y[:100])
-    result = reestimate(learner.reestimate_request(0, OPTIONS))
+    result = reestimate(learner.reestimate_request(0, SMOOTH))
     taught(learner, x[100:], y[100:], start=100)
-    gp = Counted(result.hyperparameters, capacity, 1e-3, 1e-8, result.prior_mean)
+    gp = Counted(result.kernel, capacity, 1e-3, 1e-8, result.prior_mean)
     gp.start_basis(result.gp.basis, result.gp.basis_readings, result.gp.basis_counts)
     learner.adopt(replace(result, gp=gp))
     return learner, x[100:], y[100:], gp
@@ -295,9 +291,9 @@ def test_a_re_estimate_is_a_function_of_its_request():
     _, x, y = survey(6, 600)
     request = taught(Learner(SPAN), x, y).reestimate_request(3, EstimationSection(maximum_points=50))
     one, two = reestimate(request), reestimate(request)
-    assert one.hyperparameters == two.hyperparameters
+    assert one.kernel == two.kernel
     assert one.points == 50
-    assert reestimate(replace(request, seed=4)).hyperparameters != one.hyperparameters
+    assert reestimate(replace(request, seed=4)).kernel != one.kernel
 
 
 def test_only_the_answer_to_the_open_request_is_adopted():
@@ -319,9 +315,11 @@ def test_only_the_answer_to_the_open_request_is_adopted():
 def test_every_way_to_estimate_improves_a_bad_start(objective, optimiser, data):
     truth, x, y = survey(8, 800)
     wrong = replace(TRUE, lengthscales_m=(SPAN / 30,) * 2)
-    learner = taught(Learner(SPAN, hyperparameters=wrong), x, y)
+    learner = taught(Learner(SPAN, capacity=100, hyperparameters=wrong), x, y)
     before = rmse(learner.model().predict(grid()).mean, truth)
-    options = EstimationSection(objective=objective, optimiser=optimiser, data=data, iterations=200)
+    options = EstimationSection(
+        candidates=SMOOTH.candidates, objective=objective, optimiser=optimiser, data=data, iterations=200
+    )
     request = learner.reestimate_request(0, options)
     result = reestimate(request)
     learner.adopt(result)
@@ -333,7 +331,11 @@ def test_every_way_to_estimate_improves_a_bad_start(objective, optimiser, data):
 def test_a_fit_of_the_rebuilt_basis_knows_that_its_readings_are_means():
     """Two re-estimates in a row: after a rebuild the reading of a basis vector is the mean of about ten."""
     options = EstimationSection(
-        objective="marginal", data="basis", priors=False, isotropic=False, iterations=200
+        objective="marginal",
+        data="basis",
+        priors=False,
+        candidates=("squared_exponential_ard",),
+        iterations=200,
     )
     h = Hyperparameters(1.0, 0.09, (SPAN / 9, SPAN / 9))
     ratios = []
@@ -345,7 +347,7 @@ def test_a_fit_of_the_rebuilt_basis_knows_that_its_readings_are_means():
         learner.adopt(reestimate(learner.reestimate_request(1, options)))
         assert learner.gp.basis_counts.mean() > 5
         again = reestimate(learner.reestimate_request(2, options))
-        ratios.append(again.hyperparameters.noise_variance / h.noise_variance)
+        ratios.append(again.kernel.noise_variance / h.noise_variance)
     # One fit scatters by a factor of 1.25, the geometric mean of four by 1.12: 1.5 leaves room for over
     # three deviations. Means taken for single readings say a quarter. (Leave-one-out without priors now
     # and then finds no noise at all in a hundred points, whatever their counts.)
@@ -364,9 +366,9 @@ def test_too_few_points_keep_the_hyperparameters_and_say_so():
     learner = Learner(SPAN, centring_samples=5)
     for i in range(10):
         learner.add((100.0 * i, 50.0), float(i), float(i))
-    before = learner.gp.kernel.hyperparameters, learner.gp.prior_mean
+    before = learner.gp.kernel, learner.gp.prior_mean
     result = reestimate(learner.reestimate_request(0, OPTIONS))
-    assert (result.hyperparameters, result.prior_mean) == before
+    assert (result.kernel, result.prior_mean) == before
     assert result.fit.kept_start
     assert "10 points are too few" in result.fit.message
     learner.adopt(result)
@@ -376,8 +378,10 @@ def test_too_few_points_keep_the_hyperparameters_and_say_so():
 @pytest.mark.parametrize("data", ["history", "basis"])
 def test_no_readings_at_all_keep_everything_as_it_is(data):
     learner = Learner(SPAN, centring_samples=0, hyperparameters=TRUE)
-    result = reestimate(learner.reestimate_request(0, EstimationSection(data=data)))
-    assert result.hyperparameters == TRUE
+    result = reestimate(
+        learner.reestimate_request(0, EstimationSection(data=data, candidates=SMOOTH.candidates))
+    )
+    assert result.kernel == TRUE.kernel
     learner.adopt(result)
     assert learner.add((0.0, 0.0), 1.0, 5.0) is Update.ADDED
 
@@ -399,25 +403,14 @@ def test_degenerate_readings_break_nothing(case, data):
         case "a line":
             x[:, 1] = 0.0
     learner = taught(Learner(SPAN), x, y)
-    learner.adopt(reestimate(learner.reestimate_request(0, EstimationSection(data=data))))
+    learner.adopt(
+        reestimate(learner.reestimate_request(0, EstimationSection(data=data, candidates=SMOOTH.candidates)))
+    )
     taught(learner, x, y, start=200)
     prediction = learner.model().predict(grid())
     assert np.isfinite(prediction.mean).all()
     assert (prediction.variance >= -1e-6 * learner.gp.kernel.hyperparameters.signal_variance).all()
     assert learner.model().predict([[7.0, 7.0]]).mean[0] == pytest.approx(y.mean(), abs=4)
-
-
-def test_a_field_that_forgets_is_rebuilt_in_the_order_of_time():
-    h = replace(TRUE, timescale_s=100.0)
-    _, x, y = survey(10, 400)
-    learner = taught(Learner(SPAN, hyperparameters=h), x, y)
-    streamed = learner.model().predict(x[-40:])
-    learner.adopt(reestimate(learner.reestimate_request(0, EstimationSection(maximum_points=20))))
-    assert learner.gp.kernel.hyperparameters.timescale_s == 100.0
-    rebuilt = learner.model().predict(np.vstack([x[-40:], x[:40]]))
-    np.testing.assert_allclose(rebuilt.mean[:40], streamed.mean, atol=0.3)
-    # What was seen 400 s ago is nearly forgotten, unless it was seen again.
-    assert np.median(rebuilt.variance[40:]) > 3 * np.median(rebuilt.variance[:40])
 
 
 def test_bad_readings_are_refused_and_change_nothing():
@@ -430,7 +423,7 @@ def test_bad_readings_are_refused_and_change_nothing():
         ((0, 0), 1, math.inf),
         ((0,), 1, 0),
     ]:
-        with pytest.raises(ValueError, match="must"):
+        with pytest.raises(ValueError, match=r"must|finite"):
             learner.add(point, value, time_s)
     assert pickle.dumps(learner) == before
 
