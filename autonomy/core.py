@@ -19,8 +19,10 @@ from autonomy.events import Event, JobFailed, JobFinished, LinkDown, LinkUp, Mes
 from autonomy.exploration import Decision, Exploration, Figures, Trigger
 from autonomy.geometry import FloatArray
 from autonomy.helm import Helm
+from autonomy.learning.capacity import Budget
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
+from autonomy.learning.transform import transform_of
 from autonomy.mavlink.authority import Command, OnBoard
 from autonomy.mavlink.telemetry import Observation
 from autonomy.planning.passage import Unreachable, passage_of
@@ -71,8 +73,9 @@ class Core:
         self._passage = passage_of(survey)
         self._helm = Helm(configuration, survey.frame)
         self._gate = SampleGate(survey, configuration)
-        self._learner = _learner(configuration, survey.span_m)
-        self._exploration = Exploration(configuration.exploration, configuration.model.capacity)
+        self._learner = _learner(configuration, survey)
+        self._repairs_told = 0
+        self._exploration = Exploration(configuration.exploration)
         self._reporter = Reporter(configuration, survey, self._helm.telemetry, self._learner)
         self._effects: list[Effect] = []
         self._job: _Job | None = None
@@ -239,6 +242,7 @@ class Core:
 
     def _step(self, now: float) -> None:
         self._learner.catch_up()
+        self._tell_repairs()
         self._learn(self._gate.release(self._helm.model_time_s))
         self._send(self._helm.step(now))
         for note in self._helm.take_notes(now):
@@ -252,6 +256,12 @@ class Core:
         if decision is not None:
             self._start(now, decision)
         self._reporter.step(now, self._status)
+
+    def _tell_repairs(self) -> None:
+        if self._learner.repairs > self._repairs_told:
+            self._repairs_told = self._learner.repairs
+            text = f"the model's state had broken: made anew from the history (repair {self._repairs_told})"
+            self._reporter.log(Level.ERROR, text)
 
     def _watch_leg(self, now: float) -> None:
         """A mission is sailed from wherever the vessel is when it takes it up: see that no land lies in between."""
@@ -322,6 +332,7 @@ class Core:
         return Figures(
             model_time_s=self._helm.model_time_s,
             basis_size=len(learner.gp) if learner.born else 0,
+            capacity=learner.capacity,
             fresh=learner.fresh_count,
             replaced=learner.replaced_since_mark,
             path_finished=self._helm.path_finished,
@@ -340,7 +351,7 @@ class Core:
             # In the paper every new path begins with rho = 0, re-estimate or not.
             self._learner.mark()
         plan = PlanRequest(
-            model=self._learner.model(),
+            model=self._learner.model(self._helm.model_time_s),
             start_m=self._helm.expected_point_m(self._planning_s + UPLOAD_S),
             spots=configuration.planning.spots,
             lattice=configuration.planning.lattice,
@@ -376,11 +387,11 @@ class Core:
         )
 
 
-def _learner(configuration: Configuration, span_m: float) -> Learner:
+def _learner(configuration: Configuration, survey: SurveyArea) -> Learner:
     model = configuration.model
     given = model.hyperparameters
     return Learner(
-        span_m,
+        survey.span_m,
         capacity=model.capacity,
         novelty=model.novelty,
         jitter=model.jitter,
@@ -389,4 +400,7 @@ def _learner(configuration: Configuration, span_m: float) -> Learner:
         hyperparameters=None
         if given is None
         else Hyperparameters(given.signal_variance, given.noise_variance, given.lengthscales_m),
+        area_m2=survey.area_m2,
+        budget=Budget(model.memory_mb, model.update_us),
+        transform=transform_of(configuration.sensor),
     )
