@@ -68,14 +68,15 @@ class Structure:
     Its parameters θ: log of the variance of all parts together; for every part but the last the logit of its share of
     what the parts before it have left; logs of the first part's length-scales (one, or one per axis if `ard`); for
     every other part the log of how much shorter it is; log of the time-scale if a part moves; log of the noise
-    variance. `penalty`, in nats, is what it has to gain on a simpler one; below `minimum_points` readings it is not
-    a candidate.
+    variance. The prior median of the first length-scale is `spans` times the survey's width. `penalty`, in nats, is
+    what it has to gain on a simpler one; below `minimum_points` readings it is not a candidate.
     """
 
     name: str
     parts: tuple[Part, ...]
     motion: Callable[[float], TemporalKernel] = OrnsteinUhlenbeck
     ard: bool = False
+    spans: float = 1.0 / 6.0
     penalty: float = 0.0
     minimum_points: int = 20
 
@@ -143,7 +144,7 @@ class Structure:
         others = len(self.parts) - 1
         rows = [(math.log(scales.variance), 1.0)]
         rows += [(0.0, _SHARE_DEVIATION)] * others
-        rows += [(math.log(scales.span_m / 6.0), 0.7)] * self._first_axes
+        rows += [(math.log(scales.span_m * self.spans), 0.7)] * self._first_axes
         rows += [(math.log(part.shorter), 0.7) for part in self.parts[1:]]
         if self.moves:
             rows.append((math.log(positive("elapsed_s", scales.elapsed_s)), 2.0))
@@ -227,17 +228,40 @@ def _log_shares(logits: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 _SE, _M32 = SquaredExponential, Matern32
+_LONG_SHORT = (Part(_SE), Part(_M32, shorter=6.0))
 STRUCTURES: dict[str, Structure] = {
     structure.name: structure
     for structure in (
+        # The paper's, with one length-scale or one per axis.
         Structure("squared_exponential", (Part(_SE),)),
-        Structure("squared_exponential_ard", (Part(_SE),), ard=True, penalty=2.0),
+        Structure("squared_exponential_ard", (Part(_SE),), ard=True, penalty=2.0, minimum_points=40),
         Structure("matern32", (Part(_M32),)),
-        Structure("long_short", (Part(_SE), Part(_M32, shorter=4.0)), minimum_points=30),
-        Structure("ou", (Part(_M32, moves=True),), penalty=3.0, minimum_points=30),
-        Structure("smooth_motion", (Part(_M32, moves=True),), MaternMotion, penalty=3.0, minimum_points=30),
+        Structure("long_short", _LONG_SHORT, spans=1.0 / 3.0, minimum_points=30),
+        Structure("ou", (Part(_SE, moves=True),), penalty=3.0, minimum_points=40),
+        Structure("smooth_motion", (Part(_SE, moves=True),), MaternMotion, penalty=3.0, minimum_points=40),
         Structure(
-            "static_moving", (Part(_M32), Part(_M32, moves=True, shorter=2.0)), penalty=7.0, minimum_points=40
+            "static_moving",
+            (*_LONG_SHORT, Part(_SE, moves=True, shorter=2.0)),
+            spans=1.0 / 3.0,
+            penalty=7.0,
+            minimum_points=60,
+        ),
+        Structure(
+            "static_smooth_motion",
+            (*_LONG_SHORT, Part(_SE, moves=True, shorter=2.0)),
+            MaternMotion,
+            spans=1.0 / 3.0,
+            penalty=7.0,
+            minimum_points=60,
         ),
     )
 }
+DEFAULT_CANDIDATES = (
+    "squared_exponential",
+    "long_short",
+    "ou",
+    "smooth_motion",
+    "static_moving",
+    "static_smooth_motion",
+)
+"""What a re-estimate chooses among if it is not told: see docs/decisions."""

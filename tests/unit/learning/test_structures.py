@@ -46,7 +46,7 @@ def test_medians_lie_within_bounds_and_scale_with_survey_and_data(structure):
     kernel = structure.median(SCALES)
     assert kernel.signal_variance == pytest.approx(2.0)
     assert kernel.noise_variance == pytest.approx(0.02)
-    assert kernel.components[0].space.lengthscales_m == pytest.approx((1000 / 6,) * 2)
+    assert kernel.components[0].space.lengthscales_m == pytest.approx((1000 * structure.spans,) * 2)
     larger = structure.median(Scales(2000.0, 8.0, 10_000.0))
     moving = sum(part.moves for part in structure.parts)
     expected = [f for part in structure.parts for f in [4.0, 2.0, 2.0] + [2.0] * part.moves]
