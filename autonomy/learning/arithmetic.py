@@ -12,10 +12,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.linalg import qr_delete
-from scipy.linalg.blas import dgemv, dger, dtrsv
+from scipy.linalg.blas import ddot, dgemv, dger, dtrsv
 from scipy.linalg.lapack import dtrtri
 
 from autonomy.learning.numbers import FloatArray
+
+# Without the wrapper that lets it take stacks of matrices, which costs as much as the rotations.
+_qr_delete = getattr(qr_delete, "__wrapped__", qr_delete)
 
 
 def whiten(factor: FloatArray, k: FloatArray) -> None:
@@ -27,6 +30,11 @@ def spread(state: FloatArray, a: FloatArray) -> FloatArray:
     """(S a, μᵀa), shape (D + 1,), for `a` (D,)."""
     result: FloatArray = dgemv(1.0, state, a)
     return result
+
+
+def product(a: FloatArray, b: FloatArray) -> float:
+    """aᵀb over the length of `a`; `b` may be longer."""
+    return float(ddot(a, b, n=len(a)))
 
 
 def condition(state: FloatArray, p: FloatArray, innovation: float, variance: float) -> None:
@@ -78,28 +86,26 @@ def remove(
     again, and no remaining basis vector depends on the last coordinate any more: it becomes the spare one.
     `blocks` names the group of each block; all blocks of a group are rotated alike. `state` is used up.
     """
-    n, size = len(factors[0]), state.shape[1]
-    spares = range(n - 1, size, n)
-    if index < n - 1:
-        _rotate(state, [factors[group].copy(order="F") for group in blocks], index)
-        np.copyto(other[:size], state[:size].T)
-        # A later block of the same group finds the factor still whole in its copy.
-        last = [group not in blocks[b + 1 :] for b, group in enumerate(blocks)]
-        _rotate(
-            other,
-            [
-                factors[g] if final else factors[g].copy(order="F")
-                for g, final in zip(blocks, last, strict=True)
-            ],
-            index,
-        )
-        other[size] = state[size]
-    else:
-        np.copyto(other, state)
-    for spare in spares:
-        other[:, spare] = 0.0
-        other[spare] = 0.0
-        other[spare, spare] = 1.0
+    size = state.shape[1]
+    _rotate(state, [factors[group].copy(order="F") for group in blocks], index)
+    np.copyto(other[:size], state[:size].T)
+    # The last block of a group turns the factor itself; until then each needs it whole.
+    turned = [
+        factors[group] if group not in blocks[block + 1 :] else factors[group].copy(order="F")
+        for block, group in enumerate(blocks)
+    ]
+    _rotate(other, turned, index)
+    other[size] = state[size]
+    free_spare(other, factors)
+
+
+def free_spare(state: FloatArray, factors: Sequence[FloatArray]) -> None:
+    """Marginalise the last coordinate of every block out and make it the spare one, in place."""
+    n = len(factors[0])
+    for spare in range(n - 1, state.shape[1], n):
+        state[:, spare] = 0.0
+        state[spare] = 0.0
+        state[spare, spare] = 1.0
     for factor in factors:
         factor[:, n - 1] = 0.0
         factor[n - 1] = 0.0
@@ -112,4 +118,4 @@ def _rotate(state: FloatArray, factors: Sequence[FloatArray], index: int) -> Non
     for block, factor in enumerate(factors):
         # qr_delete drops a column of R = Lᵀ and applies the rotations to whatever stands for Q.
         columns = state[:, block * n : (block + 1) * n]
-        qr_delete(columns, factor.T, index, which="col", overwrite_qr=True, check_finite=False)
+        _qr_delete(columns, factor.T, index, which="col", overwrite_qr=True, check_finite=False)

@@ -1,101 +1,100 @@
 """The basis vectors: where they are, and what they were added with. Oldest first."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from autonomy.learning.kernel import Group
 from autonomy.learning.numbers import FloatArray
 
-IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
+IntArray = NDArray[np.int64]
 
 
 class Members:
-    """A list of basis vectors that grows at the end and may lose any."""
+    """A list of basis vectors that grows at the end and may lose any.
+
+    One table (rows, m) holds a column for each: coordinates in metres, reading, count, birth, and the
+    coordinates in units of the length-scales of every component, group by group. So they move together.
+    """
 
     def __init__(self, groups: tuple[Group, ...], dimensions: int) -> None:
-        self._points = np.zeros((0, dimensions))
-        self._readings = np.zeros(0)
-        self._counts = np.zeros(0)
-        self._births = np.zeros(0, dtype=np.int64)
-        self._components = [
-            [
-                (component, 1.0 / np.array(component.space.lengthscales_m)[:, None])
-                for component in group.components
-            ]
-            for group in groups
-        ]
-        self._scale()
+        self._dimensions = dimensions
+        self._groups = tuple(
+            tuple((component.space, component.variance) for component in group.components) for group in groups
+        )
+        scales = [component.space.lengthscales_m for group in groups for component in group.components]
+        self._inverse = 1.0 / np.array(scales).ravel()
+        self._axes = np.tile(np.arange(dimensions), len(scales))
+        self._table = np.zeros((dimensions + 3 + len(self._inverse), 0))
 
     def __len__(self) -> int:
-        return len(self._points)
+        return self._table.shape[1]
 
     @property
     def points(self) -> FloatArray:
         """(m, d), metres."""
-        return self._points
+        result: FloatArray = self._table[: self._dimensions].T.copy()
+        return result
 
     @property
     def readings(self) -> FloatArray:
         """(m,), sensor units."""
-        return self._readings
+        result: FloatArray = self._table[self._dimensions].copy()
+        return result
 
     @property
     def counts(self) -> FloatArray:
         """(m,): of how many readings each of `readings` is the mean."""
-        return self._counts
+        result: FloatArray = self._table[self._dimensions + 1].copy()
+        return result
 
     @property
     def births(self) -> IntArray:
         """(m,): how many updates there had been."""
-        return self._births
-
-    def fill(self, points: FloatArray, readings: FloatArray, counts: FloatArray, birth: int) -> None:
-        """Replace all: `points` (m, d), `readings` (m,), `counts` (m,), born alike."""
-        self._points, self._readings, self._counts = points.copy(), readings.copy(), counts.copy()
-        self._births = np.full(len(points), birth, dtype=np.int64)
-        self._scale()
+        result: IntArray = self._table[self._dimensions + 2].astype(np.int64)
+        return result
 
     def append(self, point: FloatArray, reading: float, count: float, birth: int) -> None:
-        """Add one at the end."""
-        self._points = np.concatenate((self._points, point[None]))
-        self._readings = np.append(self._readings, reading)
-        self._counts = np.append(self._counts, count)
-        self._births = np.append(self._births, birth)
-        self._scale()
+        """Add one at the end: `point` (d,), `reading`, of how many it is the mean, when it was born."""
+        column = self._column(point, reading, count, birth)
+        self._table = np.concatenate((self._table, column[:, None]), axis=1)
 
     def replace(self, index: int, point: FloatArray, reading: float, count: float, birth: int) -> None:
         """Remove one and add another at the end."""
-        for array, entry in (
-            (self._points, point),
-            (self._readings, reading),
-            (self._counts, count),
-            (self._births, birth),
-        ):
-            array[index:-1] = array[index + 1 :]
-            array[-1] = entry
-        self._scale()
+        self._table[:, index:-1] = self._table[:, index + 1 :]
+        self._table[:, -1] = self._column(point, reading, count, birth)
 
     def remove(self, index: int) -> None:
         """Remove one."""
-        self._points = np.delete(self._points, index, axis=0)
-        self._readings = np.delete(self._readings, index)
-        self._counts = np.delete(self._counts, index)
-        self._births = np.delete(self._births, index)
-        self._scale()
+        self._table = np.delete(self._table, index, axis=1)
 
-    def covariance(self, group: int, point: FloatArray, out: FloatArray) -> None:
-        """k_g(B, x) into `out` (m,) for one `point` (d,)."""
-        column = point[:, None]
-        (component, inverse), *others = self._components[group]
-        difference = self._scaled[group][0] - column * inverse
-        k = component.space.correlation(np.einsum("ij,ij->j", difference, difference))
-        np.multiply(k, component.variance, out=out)
-        for i, (component, inverse) in enumerate(others, 1):
-            difference = self._scaled[group][i] - column * inverse
-            k = component.space.correlation(np.einsum("ij,ij->j", difference, difference))
-            k *= component.variance
-            out += k
+    def covariances(self, point: FloatArray, parts: list[FloatArray]) -> None:
+        """k_g(B, x) of each group into the first m entries of its own of `parts`, for one `point` (d,)."""
+        m = self._table.shape[1]
+        coordinates = iter(
+            zip(self._table[self._dimensions + 3 :], self._scaled(point).tolist(), strict=True)
+        )
+        for part, components in zip(parts, self._groups, strict=True):
+            out = part[:m]
+            for i, (space, variance) in enumerate(components):
+                row, here = next(coordinates)
+                squared = row - here
+                squared *= squared
+                for _ in range(1, self._dimensions):
+                    row, here = next(coordinates)
+                    difference = row - here
+                    difference *= difference
+                    squared += difference
+                k = space.correlation(squared)
+                if i:
+                    k *= variance
+                    out += k
+                else:
+                    np.multiply(k, variance, out=out)
 
-    def _scale(self) -> None:
-        """The coordinates in units of each component's length-scales, (d, m) each."""
-        rows = np.ascontiguousarray(self._points.T)
-        self._scaled = [[rows * inverse for _, inverse in components] for components in self._components]
+    def _scaled(self, point: FloatArray) -> FloatArray:
+        """`point` (d,) in units of the length-scales of every component, one after the other."""
+        scaled: FloatArray = point[self._axes] * self._inverse
+        return scaled
+
+    def _column(self, point: FloatArray, reading: float, count: float, birth: int) -> FloatArray:
+        return np.concatenate((point, (reading, count, birth), self._scaled(point)))

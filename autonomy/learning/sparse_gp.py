@@ -221,10 +221,9 @@ class SparseOnlineGP:
             raise ValueError("counts must be positive")
         if len(points) > self._capacity:
             raise ValueError(f"{len(points)} basis vectors exceed the capacity of {self._capacity}")
-        members = Members(self.kernel.groups, self.kernel.dimensions)
-        members.fill(points, readings, counts, 0)
-        self._state.start(members)
-        self._members = members
+        self._state.start(points)
+        for column in zip(points, readings, counts, strict=True):
+            self._members.append(*column, birth=0)
 
     def predict(self, points: ArrayLike) -> Prediction:
         """Mean and variance (N,) of the latent field at `points` (N, d)."""
@@ -279,7 +278,7 @@ class SparseOnlineGP:
         """The covariance p of the state with the reading, the γ_g, the innovation r and its variance s."""
         a, gammas = self._state.whiten(self._members, point)
         p = arithmetic.spread(self._state.matrix, a)
-        spread = float(a @ p[:-1])
+        spread = arithmetic.product(a, p)
         r = value - self.prior_mean - float(p[-1])
         s = noise + sum(gammas) + spread
         self.updates += 1

@@ -32,6 +32,7 @@ class WhitenedState:
         self._other: FloatArray
         self._blocks = tuple(g for g, group in enumerate(self._groups) for _ in range(group.time.states))
         self._fields = tuple(self._blocks.index(g) for g in range(len(self._groups)))
+        self._variances = tuple(group.variance for group in self._groups)
         self._removals = 0
         self._reset(0)
         self._factors = [np.ones((1, 1), order="F") for _ in self._groups]
@@ -58,11 +59,11 @@ class WhitenedState:
         result: FloatArray = self._matrix.ravel(order="K")[:: self._matrix.shape[1] + 2]
         return result
 
-    def start(self, members: Members) -> None:
-        """Begin with these basis vectors, of which nothing is known yet. Raises LinAlgError."""
-        n = len(members) + 1
-        factors = prior_factors(members.points, self._kernel, self._jitter)
-        self._reset(len(members))
+    def start(self, points: FloatArray) -> None:
+        """Begin with basis vectors at `points` (m, d), of which nothing is known yet. Raises LinAlgError."""
+        n = len(points) + 1
+        factors = prior_factors(points, self._kernel, self._jitter)
+        self._reset(len(points))
         self._factors = [np.asfortranarray(np.eye(n)) for _ in factors]
         for mine, factor in zip(self._factors, factors, strict=True):
             mine[:-1, :-1] = factor
@@ -80,22 +81,21 @@ class WhitenedState:
         is exactly what adding and deleting would have been.
         """
         gammas = []
-        for g, part in enumerate(self._parts):
-            members.covariance(g, point, part[:-1])
+        members.covariances(point, self._parts)
+        for part, factor, variance in zip(self._parts, self._factors, self._variances, strict=True):
             part[-1] = 0.0
-            arithmetic.whiten(self._factors[g], part)
-            variance = self._groups[g].variance
-            gammas.append(max(variance - float(part @ part), 0.0) + self._jitter * variance)
+            arithmetic.whiten(factor, part)
+            gammas.append(max(variance - arithmetic.product(part, part), 0.0) + self._jitter * variance)
         return self._a, gammas
 
     def take_spare(self, gammas: list[float], p: FloatArray) -> None:
         """Make the place of the last `whiten` the last basis vector; `p` (D + 1,) gets its covariances."""
         for g, (part, gamma) in enumerate(zip(self._parts, gammas, strict=True)):
-            e = arithmetic.unwhiten(self._factors[g], part)
-            e *= e
-            e *= 1.0 / gamma
-            self._precisions[g] += e
-            self._precisions[g][-1] = 1.0 / gamma
+            share = arithmetic.unwhiten(self._factors[g], part)
+            share *= share
+            share *= 1.0 / gamma
+            share[-1] = 1.0 / gamma
+            self._precisions[g] += share
             arithmetic.take_spare(self._factors[g], part, gamma)
             p[(self._fields[g] + 1) * self._n - 1] = part[-1] = gamma**0.5
 
@@ -104,22 +104,26 @@ class WhitenedState:
 
         |Σ_g alpha_{g,i} / Q_{g,ii}| (Csató & Opper 2002, for one group).
         """
-        mean, n = self._matrix[-1], self._n
-        total = np.zeros(count)
-        for g, field in enumerate(self._fields):
-            alpha = arithmetic.unwhiten(self._factors[g], mean[field * n : (field + 1) * n])
-            total += alpha[:count] / self._precisions[g][:count]
-        return np.abs(total, out=total)
+        changes = []
+        for factor, precision, field in zip(self._factors, self._precisions, self._fields, strict=True):
+            alpha = arithmetic.unwhiten(factor, self._matrix[-1, field * self._n : (field + 1) * self._n])
+            changes.append(alpha[:count] / precision[:count])
+        return np.abs(changes[0] if len(changes) == 1 else np.sum(changes, axis=0))
 
     def remove(self, index: int) -> None:
         """Marginalise coordinate `index` of every block out; the last coordinate of every block is spare then."""
-        for g, (factor, precision) in enumerate(zip(self._factors, self._precisions, strict=True)):
+        for factor, precision, variance in zip(self._factors, self._precisions, self._variances, strict=True):
             column = arithmetic.precision_column(factor, index)
-            floor = 1.0 / (self._groups[g].variance * (1.0 + self._jitter))
-            precision -= column * column / column[index]
-            np.maximum(precision, floor, out=precision)
+            pivot = column[index]
+            column *= column
+            column *= 1.0 / pivot
+            precision -= column
+            np.maximum(precision, 1.0 / (variance * (1.0 + self._jitter)), out=precision)
             precision[index:-1] = precision[index + 1 :]
             precision[-1] = 0.0
+        if index == self._n - 1:
+            arithmetic.free_spare(self._matrix, self._factors)
+            return
         arithmetic.remove(self._matrix, self._other, self._factors, self._blocks, index)
         self._matrix, self._other = self._other, self._matrix
         self._removals += 1
@@ -166,7 +170,7 @@ class WhitenedState:
             self._kernel,
             prior_mean,
             self._jitter,
-            members.points.copy(),
+            members.points,
             tuple(factor[:-1, :-1].copy(order="F") for factor in self._factors),
             self._matrix[-1, kept],
             np.asfortranarray(0.5 * (S + S.T)),
