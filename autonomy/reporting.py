@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from autonomy import __version__
 from autonomy.config import Configuration
 from autonomy.effects import Effect, Level, Log, Publish, Topic
+from autonomy.learning.choice import Choice
 from autonomy.learning.description import describe
 from autonomy.learning.learner import Learner
 from autonomy.learning.rebuild import Reestimate
@@ -95,7 +96,7 @@ class Reporter:
         self.log(
             Level.INFO,
             f"re-estimated: mean {found.prior_mean:.3f}, signal sd {kernel.signal_variance**0.5:.3g}, "
-            f"noise sd {kernel.noise_variance**0.5:.3g}; {describe(kernel)}",
+            f"noise sd {kernel.noise_variance**0.5:.3g}; {describe(kernel)} ({_lead(found.choice)})",
         )
 
     def planned(self, plan: Plan, sequence: int) -> None:
@@ -173,6 +174,8 @@ class Reporter:
             samples=self._learner.samples,
             rho=status.rho,
             replans=status.plans,
+            calibration=self._learner.calibration.figures,
+            ahead=self._learner.ahead.figures,
             origin_lat_deg=self._survey.frame.origin_lat_deg,
             origin_lon_deg=self._survey.frame.origin_lon_deg,
             bounds_m=self._survey.bounds,
@@ -195,6 +198,10 @@ class Reporter:
             rho=status.rho,
             rho0=self._configuration.exploration.rho0,
             replans=status.plans,
+            kernel=describe(self._learner.gp.kernel) if self._learner.born else "",
+            calibration=self._learner.calibration.figures,
+            ahead=self._learner.ahead.figures,
+            repairs=self._learner.repairs,
             distance_m=status.distance_m,
             clock_rate=self._telemetry.clock_rate,
             link_ok=status.in_touch,
@@ -202,3 +209,13 @@ class Reporter:
             dropped=0,
             quality=status.quality,
         )
+
+
+def _lead(choice: Choice) -> str:
+    """The structure that was chosen, and by how many nats: "long_short, 6.1 nats before matern32"."""
+    scores = dict(choice.scores)
+    best = scores.pop(choice.fit.structure)
+    if not scores:
+        return choice.fit.structure
+    second = max(scores, key=lambda name: scores[name])
+    return f"{choice.fit.structure}, {best - scores[second]:.1f} nats before {second}"

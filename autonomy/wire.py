@@ -10,15 +10,18 @@ import numpy as np
 
 from autonomy.effects import Topic
 from autonomy.learning import snapshot
+from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.field_model import FieldModel
 from autonomy.wire_rules import (
     FLOAT64_TAG,
+    MAXIMUM_KERNEL,
     MAXIMUM_LINE,
     MAXIMUM_OBSERVATIONS,
     MAXIMUM_REASON,
     PARALLEL,
     UINT8_TAG,
     VEHICLE_NAME,
+    VersionError,
     WireError,
     brief,
     checked,
@@ -36,6 +39,7 @@ __all__ = [
     "Payload",
     "PlanNotice",
     "Received",
+    "VersionError",
     "WireError",
     "alive_key",
     "decode",
@@ -45,7 +49,7 @@ __all__ = [
     "split_key",
 ]
 
-VERSION = 1
+VERSION = 2
 MAXIMUM_BYTES = 16 * 2**20
 
 # Every tag that cbor2 would turn into an object of its own: dates, regular expressions, shared references …
@@ -63,11 +67,13 @@ class ModelSnapshot:
         variable: what is measured (CF standard name).
         units: units of the variable.
         model: the posterior; its positions are local metres of the frame below.
-        model_time_s: the vehicle's own clock.
+        model_time_s: the moment that the map is of, by the vehicle's own clock.
         utc_s: the same moment in seconds since 1970, None while the vehicle doesn't know it.
         samples: readings learnt so far.
         rho: share of the basis vectors added since the last re-estimate.
         replans: plans made so far.
+        calibration: how the newest readings agreed with what the model said of each just before learning it.
+        ahead: the same of readings far from what the model that predicts them knew: whether to trust the map.
         origin_lat_deg: latitude of the survey frame's origin.
         origin_lon_deg: longitude of the survey frame's origin.
         bounds_m: x minimum, y minimum, x maximum, y maximum of the survey area, local metres.
@@ -84,6 +90,8 @@ class ModelSnapshot:
     samples: int
     rho: float
     replans: int
+    calibration: CalibrationFigures
+    ahead: CalibrationFigures
     origin_lat_deg: float
     origin_lon_deg: float
     bounds_m: tuple[float, float, float, float]
@@ -133,7 +141,9 @@ class HealthNotice:
     """How the vehicle and its software are. None (or NaN) stands for a number that isn't known.
 
     `quality` counts the readings flagged 1, 2, 3, 4 and 9 by each test, by its name, and as `aggregate`;
-    `state` is the exploration's state and `reason` why it is in it; `mode` the autopilot's mode by name;
+    `state` is the exploration's state and `reason` why it is in it; `mode` the autopilot's mode by name; `kernel` what
+    the field is believed to be like, in words; `calibration` and `ahead` as in `ModelSnapshot`; `repairs` how often
+    the model had to be rebuilt because rounding had broken it;
     `distance_m` what has been sailed; `clock_rate` vehicle seconds per second of this process; `link_ok`
     whether the autopilot is heard; `worker_busy` whether a job runs; `dropped` messages for the shore that
     were thrown away for want of a listener or of room.
@@ -153,6 +163,10 @@ class HealthNotice:
     rho: float | None
     rho0: float | None
     replans: int
+    kernel: str
+    calibration: CalibrationFigures
+    ahead: CalibrationFigures
+    repairs: int
     distance_m: float | None
     clock_rate: float | None
     link_ok: bool
@@ -204,7 +218,13 @@ def _float64(numbers: Sequence[float] | Sequence[tuple[float, float]]) -> cbor2.
 
 def _plain(value: Any) -> Any:
     """NaN and infinities become null, which only the rules of numbers that may be unknown accept."""
+    if isinstance(value, CalibrationFigures):
+        return _fields(value)
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
 
 
 def _cut(sentence: str, maximum: int) -> str:
@@ -222,7 +242,7 @@ def _as_map(value: Payload) -> tuple[Topic, dict[str, Any]]:
         content["flag"] = cbor2.CBORTag(UINT8_TAG, bytes(one.flag for one in value))
         content["checks"] = cbor2.CBORTag(UINT8_TAG, bytes(flag for one in value for flag in one.checks))
         return Topic.OBSERVATIONS, content
-    content = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    content = _fields(value)
     match value:
         case ModelSnapshot():
             content["model"] = _encode_model(value.model)
@@ -236,6 +256,7 @@ def _as_map(value: Payload) -> tuple[Topic, dict[str, Any]]:
             return Topic.PLAN, content
         case HealthNotice():
             content["reason"] = _cut(value.reason, MAXIMUM_REASON)
+            content["kernel"] = _cut(value.kernel, MAXIMUM_KERNEL)
             return Topic.HEALTH, content
         case LogNotice():
             content["text"] = _cut(value.text, MAXIMUM_LINE)
@@ -260,11 +281,15 @@ def decode(topic: Topic, payload: bytes) -> Received:
     """The value in received bytes, which may come from anybody.
 
     Raises:
-        WireError: not CBOR, too large, another version, a field missing, of a wrong type or out of bounds.
+        VersionError: a map of another version.
+        WireError: not CBOR, too large, a field missing, of a wrong type or out of bounds.
     """
     content = _parse(topic, payload)
     if content.get("v") != VERSION:
-        raise WireError(f"{topic.value}: v: must be {VERSION} (got {brief(content.get('v'))})")
+        raise VersionError(
+            f"{topic.value}: v: must be {VERSION} (got {brief(content.get('v'))}): "
+            "the software on board and ashore must be of the same version; update the older"
+        )
     values = checked(topic, content)
     match topic:
         case Topic.MODEL:

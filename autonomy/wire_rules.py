@@ -1,5 +1,6 @@
 """What each field of each published message may hold: the bounds that both ends keep to."""
 
+import math
 import re
 from collections.abc import Callable, Sequence
 from math import isnan
@@ -9,10 +10,12 @@ import cbor2
 import numpy as np
 
 from autonomy.effects import Topic
+from autonomy.learning.calibration import CalibrationFigures
 
 MAXIMUM_OBSERVATIONS = 4096
 MAXIMUM_CORNERS = 10_000
 MAXIMUM_REASON = 400
+MAXIMUM_KERNEL = 200
 MAXIMUM_LINE = 2000
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 MAXIMUM_TALLIES = 20
@@ -29,6 +32,10 @@ UINT8_TAG = 64
 
 class WireError(ValueError):
     """A value cannot be published, or received bytes are not what their key promises; says what and where."""
+
+
+class VersionError(WireError):
+    """What came is of another version of these messages."""
 
 
 # Gives the value in its final form or raises WireError.
@@ -203,6 +210,37 @@ _longitude = _number(-180, 360)
 _share = _number(0, 1)
 _columns = _numbers(0, MAXIMUM_OBSERVATIONS, _number())
 
+
+def _calibration(value: Any) -> CalibrationFigures:
+    if not isinstance(value, dict):
+        raise WireError(f"must be a map of {', '.join(_CALIBRATION)} (got {brief(value)})")
+    return CalibrationFigures(**_each(value, _CALIBRATION))
+
+
+def _each(content: dict[str, Any], rules: dict[str, Rule]) -> dict[str, Any]:
+    """The fields of a map, each by its rule; keys without a rule are ignored, for newer vehicles."""
+    values: dict[str, Any] = {}
+    for name, rule in rules.items():
+        if name not in content:
+            raise WireError(f"{name}: is missing")
+        try:
+            values[name] = rule(content[name])
+        except WireError as error:
+            raise WireError(f"{name}: {error}") from None
+    return values
+
+
+def _unknown_is_nan(inner: Rule) -> Rule:
+    return lambda value: math.nan if value is None else inner(value)
+
+
+_CALIBRATION: dict[str, Rule] = {
+    "coverage_95": _unknown_is_nan(_share),
+    "mean_square": _unknown_is_nan(_number(0)),
+    "log_score": _unknown_is_nan(_number()),
+    "count": _count,
+}
+
 RULES: dict[Topic, dict[str, Rule]] = {
     Topic.MODEL: {
         "vehicle": _text(32, VEHICLE_NAME),
@@ -216,6 +254,8 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "samples": _count,
         "rho": _share,
         "replans": _count,
+        "calibration": _calibration,
+        "ahead": _calibration,
         "origin_lat_deg": _latitude,
         "origin_lon_deg": _longitude,
         "bounds_m": _bounds,
@@ -252,6 +292,10 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "rho": _or_none(_share),
         "rho0": _or_none(_share),
         "replans": _count,
+        "kernel": _text(MAXIMUM_KERNEL),
+        "calibration": _calibration,
+        "ahead": _calibration,
+        "repairs": _count,
         "distance_m": _or_none(_number(0)),
         "clock_rate": _or_none(_number(0)),
         "link_ok": _flag,
@@ -274,15 +318,11 @@ PARALLEL: dict[Topic, tuple[str, ...]] = {
 
 
 def checked(topic: Topic, content: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a message, each by its rule; keys without a rule are ignored, for newer vehicles."""
-    values: dict[str, Any] = {}
-    for name, rule in RULES[topic].items():
-        if name not in content:
-            raise WireError(f"{topic.value}: {name}: is missing")
-        try:
-            values[name] = rule(content[name])
-        except WireError as error:
-            raise WireError(f"{topic.value}: {name}: {error}") from None
+    """The fields of a message, each by its rule, and those that belong together equally long."""
+    try:
+        values = _each(content, RULES[topic])
+    except WireError as error:
+        raise WireError(f"{topic.value}: {error}") from None
     lengths = {
         len(values[name]) for name in values if isinstance(values[name], tuple) and name in PARALLEL[topic]
     }

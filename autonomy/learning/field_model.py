@@ -13,6 +13,10 @@ from scipy.linalg.lapack import dpstrf
 from autonomy.learning import motion
 from autonomy.learning.grids import GridCovariance
 from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel, as_points, as_vector
+from autonomy.learning.prediction import Prediction
+from autonomy.learning.transform import Identity, Transform
+
+__all__ = ["FieldModel", "Prediction"]
 
 # Entries of the covariance handled at once: 2 MB stay in the cache, which is worth more than longer GEMMs.
 _CHUNK_BYTES = 2_000_000
@@ -23,17 +27,6 @@ _STRIP = 1024
 _RANK_TOLERANCE = 1e-12
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """Mean and variance of the latent field (no noise), in the sensor's units and their square.
-
-    Variances are not clipped: rounding may leave one a millionth of σf² below 0 or above σf².
-    """
-
-    mean: FloatArray
-    variance: FloatArray
-
-
 @dataclass(frozen=True, eq=False)
 class FieldModel:
     """A posterior in whitened form: f_g(B) = L_g z_{g,0}, z ~ N(μ, S), for each group g of the kernel's components.
@@ -42,7 +35,8 @@ class FieldModel:
     jitter·σ_g²·I; `whitened_mean` μ (D,), `whitened_covariance` S (D, D), D = m × the kernel's states: block
     after block of m, group by group, and in a group state by state, of which the first is the field. The
     field is prior_mean + Σ_g f_g; between basis vectors it follows the prior's conditional p(f | f_B). m = 0
-    is the prior itself. ValueError for shapes that do not fit.
+    is the prior itself. All this is in the latent units of `transform`, in which the field is Gaussian;
+    predictions are also in the sensor's. ValueError for shapes that do not fit.
     """
 
     kernel: Kernel
@@ -52,6 +46,7 @@ class FieldModel:
     factors: tuple[FloatArray, ...] = field(repr=False)
     whitened_mean: FloatArray = field(repr=False)
     whitened_covariance: FloatArray = field(repr=False)
+    transform: Transform = field(default_factory=Identity)
 
     def __post_init__(self) -> None:
         m, size = len(self.basis), len(self.basis) * self.kernel.states
@@ -133,7 +128,7 @@ class FieldModel:
                 reduced = self._reduction @ self._stacked(points[part])
                 mean[part] += reduced[-1]
                 variance[part] -= _column_squares(reduced[:-1])
-        return Prediction(mean, variance)
+        return Prediction(mean, variance, self.transform)
 
     def predict_grid(self, x_axis: ArrayLike, y_axis: ArrayLike) -> Prediction:
         """Mean and variance on a grid of metres east and north: shape (len(y_axis), len(x_axis)).
@@ -149,10 +144,15 @@ class FieldModel:
                 shape = mean[rows, columns].shape
                 mean[rows, columns] += reduced[-1].reshape(shape)
                 variance[rows, columns] -= _column_squares(reduced[:-1]).reshape(shape)
-        return Prediction(mean, variance)
+        return Prediction(mean, variance, self.transform)
 
     def mean_grid(self, x_axis: ArrayLike, y_axis: ArrayLike) -> FloatArray:
-        """The mean alone, as `predict_grid` has it: one small matrix product where the kernel separates."""
+        """The mean alone, as `predict_grid` has it: one small matrix product where the kernel separates.
+
+        Under a transform the mean depends on the variance, and costs as much as both.
+        """
+        if not isinstance(self.transform, Identity):
+            return self.predict_grid(x_axis, y_axis).mean
         x_axis, y_axis = self._axes(x_axis, y_axis)
         mean = np.full((len(y_axis), len(x_axis)), self.prior_mean)
         weights = self._reduction[-1].reshape(len(self.factors), -1)

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +13,7 @@ from autonomy.learning.capacity import MOST, Budget
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.history import History
 from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel
+from autonomy.learning.lookahead import DISTANCES_PER_SPAN, Lookahead
 from autonomy.learning.rebuild import Build, Reestimate, ReestimateRequest
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 from autonomy.learning.structures import STRUCTURES, Scales
@@ -35,7 +37,8 @@ class Learner:
     them all. With 0 it is born at once with prior mean 0, and `hyperparameters` are required. `capacity`
     None: chosen for `area_m2` of water (None: all of the span's square) within `budget`, anew with every
     re-estimate. `novelty`, `jitter`: see `SparseOnlineGP`. Readings pass through `transform`; history and
-    model are in its latent units. `calibration` holds what was predicted of each reading against it.
+    model are in its latent units. `calibration` holds what was predicted of each reading against it, `ahead`
+    what was predicted of some from afar.
 
     No call learns for long: birth and `adopt` leave what would take too long waiting, `behind` tells how
     much that is, and `catch_up` learns it slice by slice, in the order it came. Meanwhile everything may be
@@ -72,6 +75,7 @@ class Learner:
         self.history = History(span_m, history_cells)
         self.transform = transform or Identity()
         self.calibration = Calibration()
+        self.ahead = Lookahead(span_m / DISTANCES_PER_SPAN)
         self.repairs = 0
         self._span_m = span_m
         self._build = Build(
@@ -175,9 +179,7 @@ class Learner:
 
         As of model time `time_s`, if that is after the last reading: what moves is known less and less well.
         """
-        if self._gp is None:
-            return self._prior
-        model = self._gp.model()
+        model = replace(self._prior if self._gp is None else self._gp.model(), transform=self.transform)
         ahead_s = 0.0 if time_s is None else time_s - self._time_s
         return model.advanced(ahead_s) if 0.0 < ahead_s < math.inf else model
 
@@ -278,12 +280,15 @@ class Learner:
         number, point, value, time_s = reading
         self.gp.advance(max(0.0, time_s - self._time_s) if math.isfinite(self._time_s) else 0.0)
         self._time_s = max(self._time_s, time_s)
+        # A reading that is learnt again, by a new model, was judged when it came.
+        new, log_slope = number > self._judged, self.transform.log_slope(value)
+        if new and self.gp.fault() is None:
+            self.ahead.look(point, value, time_s, self.gp.model, log_slope)
         outcome = self.gp.update(point, value)
         residual = self.gp.residual
-        # A reading that is learnt again, by a new model, was judged when it came.
-        if number > self._judged and residual is not None and self.gp.fault() is None:
+        if new and residual is not None and self.gp.fault() is None:
             self._judged = number
-            self.calibration.add(residual.innovation, residual.variance, self.transform.log_slope(value))
+            self.calibration.add(residual.innovation, residual.variance, log_slope)
         return outcome
 
     def _repair(self) -> None:

@@ -9,8 +9,8 @@ A transform is a frozen value of finite numbers, strictly increasing; `TRANSFORM
 """
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from dataclasses import Field, dataclass
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ _NODES = 32
 class Transform(Protocol):
     """Sensor units <-> latent units. Arrays of any shape; results have the shape of the argument."""
 
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
     name: ClassVar[str]
 
     def refusal(self, value: float) -> str | None:
@@ -62,7 +63,7 @@ class Identity:
 
     def refusal(self, value: float) -> str | None:
         """Only what is not finite has no image."""
-        return None if math.isfinite(value) else f"{value!r} is not finite"
+        return None if math.isfinite(value) else "readings must be finite"
 
     def forward(self, values: ArrayLike) -> FloatArray:
         """The values themselves."""
@@ -162,15 +163,17 @@ class Logit:
         """By Gauss–Hermite quadrature; they have no closed form."""
         nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
         weights /= weights.sum()
-        deviation = np.sqrt(variance)
-        centre = self.inverse(mean)
+        deviation, centre = np.sqrt(variance), expit(mean)
         first, second = np.zeros_like(centre), np.zeros_like(centre)
         # Node by node, so that a map needs no memory but maps; about `centre`, so that nothing cancels.
         for node, weight in zip(nodes.tolist(), weights.tolist(), strict=True):
-            difference = self.inverse(mean + node * deviation) - centre
+            difference = expit(mean + node * deviation) - centre
             first += weight * difference
             second += weight * difference * difference
-        return centre + first, np.maximum(second - first * first, 0.0)
+        width = self.upper - self.lower
+        spread: FloatArray = width * np.sqrt(np.maximum(second - first * first, 0.0))
+        with np.errstate(over="ignore"):
+            return self.lower + width * (centre + first), spread * spread
 
 
 TRANSFORMS: dict[str, type[Identity] | type[Log] | type[Logit]] = {

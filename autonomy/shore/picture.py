@@ -11,7 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from autonomy.geometry import FloatArray, LocalFrame
+from autonomy.learning.description import describe
 from autonomy.shore.subscriber import VehicleView
+from autonomy.shore.words import agreement
 from autonomy.wire import ModelSnapshot, ObservationNotice, PlanNotice
 
 _CELLS = 200
@@ -121,7 +123,9 @@ def _draw_legend(figure: Figure, axes: Any) -> None:
 
 def _title(model: ModelSnapshot) -> str:
     hours, rest = divmod(int(model.model_time_s), 3600)
+    # The newline keeps what is believed of the field apart from what has been done.
     return (
         f"{model.vehicle}: {model.samples} samples, {len(model.model)} basis vectors, ρ {model.rho:.2f}, "
-        f"{model.replans} plans, vehicle clock {hours}:{rest // 60:02d}:{rest % 60:02d}"
+        f"{model.replans} plans, vehicle clock {hours}:{rest // 60:02d}:{rest % 60:02d}\n"
+        f"{describe(model.model.kernel)}  ·  {agreement(model)}"
     )

@@ -118,6 +118,7 @@ class Subscriber:
         self._views: dict[str, VehicleView] = {}
         self._tracks: dict[str, deque[wire.ObservationNotice]] = {}
         self._counters = Counters()
+        self._outdated: set[str] = set()
         self._updates = 0
         self._queries = 0
         self._live_since: dict[tuple[str, Topic], int] = {}
@@ -248,6 +249,12 @@ class Subscriber:
             value = wire.decode(topic, arrival.payload)
             if isinstance(value, wire.ModelSnapshot) and value.vehicle != vehicle:
                 raise wire.WireError(f"{arrival.key}: is a model of {value.vehicle}")
+        except wire.VersionError as error:
+            if arrival.key not in self._outdated and len(self._outdated) < _MAXIMUM_VEHICLES * len(_TOPICS):
+                self._outdated.add(arrival.key)
+                log.warning("refused from now on (said once): %s: %s", arrival.key, error)
+            self._count(refused=1)
+            return
         except wire.WireError as error:
             log.warning("refused: %s", error)
             self._count(refused=1)

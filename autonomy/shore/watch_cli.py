@@ -11,13 +11,18 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from autonomy.endpoints import check_endpoint
+from autonomy.learning.calibration import CalibrationFigures
+from autonomy.learning.description import describe
+from autonomy.learning.kernel import Component
 from autonomy.shore.subscriber import Presence, Subscriber, Update, VehicleView
+from autonomy.shore.words import agreement, belief
 from autonomy.wire import VEHICLE_NAME, LogNotice, ModelSnapshot
 
 EXIT_OK, EXIT_NOTHING_CAME, EXIT_USAGE = 0, 1, 2
@@ -134,8 +139,9 @@ class _Watch:
                 self._snapshots += 1
                 self._undrawn = update.vehicle
                 view = self._subscriber.latest(update.vehicle)
-                said = _fields(update.value, view)
-                print(json.dumps(said) if self._args.json else _printable(_line(said)), flush=True)
+                json_wanted = self._args.json
+                said = json.dumps(_fields(update.value, view)) if json_wanted else _line(update.value, view)
+                print(_printable(said), flush=True)
             case Presence():
                 _note(f"{update.vehicle}: {'connected' if update.value.alive else 'gone'}")
             case LogNotice() if update.value.level in ("warning", "error"):
@@ -154,7 +160,7 @@ class _Watch:
 
 def _fields(model: ModelSnapshot, view: VehicleView) -> dict[str, Any]:
     """What a snapshot says, for programs; `age_s` compares UTC with this machine's clock."""
-    h = model.model.kernel.hyperparameters
+    kernel = model.model.kernel
     return {
         "vehicle": model.vehicle,
         "sequence": model.sequence,
@@ -166,29 +172,51 @@ def _fields(model: ModelSnapshot, view: VehicleView) -> dict[str, Any]:
         "basis_size": len(model.model),
         "rho": model.rho,
         "replans": model.replans,
-        "signal_variance": h.signal_variance,
-        "noise_variance": h.noise_variance,
-        "lengthscales_m": list(h.lengthscales_m),
+        "repairs": None if view.health is None else view.health.repairs,
+        "calibration": _numbers(model.calibration),
+        "ahead": _numbers(model.ahead),
+        "kernel": describe(kernel),
+        "components": [_component(component) for component in kernel.components],
+        "noise_variance": kernel.noise_variance,
+        "transform": model.model.transform.name,
         "variable": model.variable,
         "units": model.units,
     }
 
 
-def _line(said: dict[str, Any]) -> str:
+def _numbers(figures: CalibrationFigures) -> dict[str, float | None]:
+    return {name: _known(value) for name, value in asdict(figures).items()}
+
+
+def _component(component: Component) -> dict[str, Any]:
+    return {
+        "variance": component.variance,
+        "space": component.space.name,
+        "lengthscales_m": list(component.space.lengthscales_m),
+        "time": component.time.name,
+        "timescale_s": _known(component.time.timescale_s),
+    }
+
+
+def _known(value: float) -> float | None:
+    """JSON has neither NaN nor infinity."""
+    return value if math.isfinite(value) else None
+
+
+def _line(model: ModelSnapshot, view: VehicleView) -> str:
     """The same for a person."""
-    clock = "--:--:--"
-    if said["utc_s"] is not None:
-        clock = datetime.fromtimestamp(said["utc_s"], UTC).strftime("%H:%M:%SZ")
-    # A simulation in a hurry runs ahead of the clock ashore.
-    age = "" if said["age_s"] is None or said["age_s"] < 0.0 else f"  {said['age_s']:.1f} s old"
-    scales = " × ".join(f"{scale:.0f}" for scale in said["lengthscales_m"])
-    unit = "" if said["units"] in ("", "1") else f" {said['units']}"
+    clock, age = "--:--:--", ""
+    if model.utc_s is not None:
+        clock = datetime.fromtimestamp(model.utc_s, UTC).strftime("%H:%M:%SZ")
+        age_s = time.time() - model.utc_s
+        # A simulation in a hurry runs ahead of the clock ashore.
+        age = "" if age_s < 0.0 else f"  {age_s:.1f} s old"
+    state = "state unknown" if view.health is None else view.health.state
+    repairs = "" if view.health is None or not view.health.repairs else f"  repairs {view.health.repairs}"
     return (
-        f"{clock}  {said['vehicle']}  t={said['model_time_s']:.0f} s  {said['state'] or 'state unknown'}  "
-        f"samples {said['samples']}  basis {said['basis_size']}  ρ {said['rho']:.2f}  "
-        f"plans {said['replans']}  "
-        f"σf {math.sqrt(said['signal_variance']):.3g}{unit}  l {scales} m  "
-        f"σn {math.sqrt(said['noise_variance']):.2g}{unit}{age}"
+        f"{clock}  {model.vehicle}  t={model.model_time_s:.0f} s  {state}  "
+        f"samples {model.samples}  basis {len(model.model)}  ρ {model.rho:.2f}  plans {model.replans}{repairs}  "
+        f"{belief(model)}  {agreement(model)}{age}"
     )
 
 

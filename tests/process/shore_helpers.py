@@ -12,6 +12,7 @@ import zenoh
 
 from autonomy.effects import Topic
 from autonomy.endpoints import session_settings
+from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.sparse_gp import SparseOnlineGP
 from autonomy.shell.publisher import Publisher
@@ -67,6 +68,8 @@ def model_snapshot(model, sequence: int = 0, vehicle: str = "boat1") -> ModelSna
         samples=400,
         rho=0.25,
         replans=3,
+        calibration=CalibrationFigures(0.942, 1.08, 1.31, 400),
+        ahead=CalibrationFigures(0.907, 1.4, 0.52, 43),
         origin_lat_deg=34.4,
         origin_lon_deg=-120.5,
         bounds_m=(0.0, 0.0, 12_000.0, 9_000.0),
@@ -96,6 +99,10 @@ def health_notice(reason: str = "") -> HealthNotice:
         rho=0.25,
         rho0=0.6,
         replans=3,
+        kernel="smooth 1.5 km x 1.2 km",
+        calibration=CalibrationFigures(0.942, 1.08, 1.31, 400),
+        ahead=CalibrationFigures(0.907, 1.4, 0.52, 43),
+        repairs=0,
         distance_m=4321.0,
         clock_rate=1.0,
         link_ok=True,

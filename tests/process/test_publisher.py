@@ -43,7 +43,7 @@ def test_everything_arrives_under_its_key_with_its_schema():
         for topic, value in values.items():
             sample = listener.wait(f"usv/boat1/{topic.value}")
             assert wire.decode(topic, sample.payload) == value
-            assert sample.encoding == f"application/cbor;halocline/{topic.value}/1"
+            assert sample.encoding == f"application/cbor;halocline/{topic.value}/{wire.VERSION}"
 
 
 def test_without_a_router_the_newest_wins_and_queues_drop_their_oldest():

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cbor2
 import numpy as np
 import pytest
 
@@ -149,6 +150,19 @@ def test_hostile_bytes_are_counted_and_change_nothing(learnt, caplog):
         assert shore.counters.refused == len(attacks)
 
 
+def test_a_vehicle_of_another_version_is_named_once(caplog):
+    endpoint = free_endpoint()
+    content = cbor2.loads(encode(health_notice()))
+    older = cbor2.dumps({**content, "v": 1})
+    with Subscriber(listen=[endpoint]) as shore, session("client", connect=[endpoint]) as stranger:
+        for _ in range(5):
+            stranger.put("usv/boat1/health", older)
+        assert shore.wait_for(lambda one: one.counters.refused == 5, SOON_S)
+    (line,) = [record.message for record in caplog.records if "refused" in record.message]
+    assert "usv/boat1/health" in line
+    assert "must be 2 (got 1): the software on board and ashore must be of the same version" in line
+
+
 def test_names_from_strangers_do_not_fill_the_memory():
     endpoint = free_endpoint()
     line = encode(LogNotice("info", "hello"))
@@ -235,7 +249,11 @@ def test_watch_prints_a_line_per_snapshot_and_keeps_the_map(learnt, tmp_path):
         assert shore.wait(SOON_S) == 0
     assert (first["sequence"], second["sequence"]) == (0, 1)
     assert first["basis_size"] == len(model)
-    assert first["lengthscales_m"] == [1500.0, 1200.0]
+    assert first["kernel"] == "smooth 1.5 km x 1.2 km"
+    (component,) = first["components"]
+    assert (component["lengthscales_m"], component["timescale_s"]) == ([1500.0, 1200.0], None)
+    assert (first["calibration"]["coverage_95"], first["ahead"]["count"]) == (0.942, 43)
+    assert (first["repairs"], first["transform"]) == (0, "none")
     assert target.read_bytes().startswith(b"\x89PNG")
 
 
@@ -248,6 +266,7 @@ def test_watch_ends_cleanly_on_a_signal(learnt, number):
         line = shore.stdout.readline()
         assert "boat1" in line
         assert "samples 400  basis" in line
+        assert "smooth 1.5 km x 1.2 km  σn 0.032  95 % held 94 % of 400, 91 % of 43 ahead" in line
         os.kill(shore.pid, number)
         assert shore.wait(SOON_S) == 0
         assert shore.stderr.read() == "boat1: connected\n"

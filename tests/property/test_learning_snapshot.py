@@ -1,5 +1,7 @@
 """Whatever arrives, the reader returns a model or says SnapshotError."""
 
+import dataclasses
+
 import cbor2
 import numpy as np
 import zstandard
@@ -8,16 +10,30 @@ from hypothesis import strategies as st
 
 from autonomy.learning import snapshot
 from autonomy.learning.field_model import FieldModel
-from autonomy.learning.kernel import Hyperparameters
+from autonomy.learning.kernel import Component, Kernel
 from autonomy.learning.snapshot import SnapshotError
 from autonomy.learning.sparse_gp import SparseOnlineGP
+from autonomy.learning.spatial import Matern32, SquaredExponential
+from autonomy.learning.temporal import MaternMotion, OrnsteinUhlenbeck
+from autonomy.learning.transform import Logit
+
+KERNEL = Kernel(
+    (
+        Component(1.0, SquaredExponential((30.0, 40.0))),
+        Component(0.2, Matern32((10.0, 10.0))),
+        Component(0.5, Matern32((20.0, 20.0)), OrnsteinUhlenbeck(600.0)),
+        Component(0.1, SquaredExponential((20.0, 20.0)), MaternMotion(600.0)),
+    ),
+    0.01,
+)
 
 
 def small_model():
-    gp = SparseOnlineGP(Hyperparameters(1.0, 0.01, (30.0, 40.0)), 6, prior_mean=33.5)
+    gp = SparseOnlineGP(KERNEL, 6, prior_mean=1.5)
     for i in range(20):
-        gp.update((17.0 * i % 60, 29.0 * i % 70), 33.5 + 0.1 * i)
-    return gp.model()
+        gp.advance(1.0)
+        gp.update((17.0 * i % 60, 29.0 * i % 70), 1.5 + 0.1 * i)
+    return dataclasses.replace(gp.model(), transform=Logit(0.0, 40.0))
 
 
 WHOLE = snapshot.encode(small_model(), {"samples": 20})
@@ -77,3 +93,38 @@ tagged = st.builds(cbor2.CBORTag, st.sampled_from([40, 85, 86]), junk | st.binar
 @given(st.dictionaries(st.sampled_from(sorted(DOCUMENT)), junk | tagged, min_size=1, max_size=4))
 def test_any_value_in_any_place(changes):
     survives(zstandard.ZstdCompressor().compress(cbor2.dumps(DOCUMENT | changes)))
+
+
+@settings(max_examples=300)
+@given(
+    st.integers(0, 3),
+    st.dictionaries(
+        st.sampled_from(sorted(DOCUMENT["components"][0])), junk | tagged, min_size=1, max_size=3
+    ),
+)
+def test_any_value_in_any_place_of_a_component(index, changes):
+    components = [
+        component | changes if i == index else component for i, component in enumerate(DOCUMENT["components"])
+    ]
+    survives(zstandard.ZstdCompressor().compress(cbor2.dumps(DOCUMENT | {"components": components})))
+
+
+@settings(max_examples=200)
+@given(st.dictionaries(st.sampled_from(["name", "lower", "upper", "offset", "x"]), junk, max_size=3))
+def test_any_value_in_any_place_of_the_transform(changes):
+    document = DOCUMENT | {"transform": DOCUMENT["transform"] | changes}
+    survives(zstandard.ZstdCompressor().compress(cbor2.dumps(document)))
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0, 0.5))
+def test_any_triangle_is_a_covariance_or_refused(seed, scale):
+    values = scale * np.random.default_rng(seed).normal(size=171)
+    values[np.cumsum(np.arange(1, 19)) - 1] += 0.5
+    gain = cbor2.CBORTag(85, values.astype("<f4").tobytes())
+    try:
+        model = snapshot.decode(zstandard.ZstdCompressor().compress(cbor2.dumps(DOCUMENT | {"gain": gain})))
+    except SnapshotError:
+        return
+    eigenvalues = np.linalg.eigvalsh(model.whitened_covariance)
+    assert eigenvalues.min() > -2e-3
+    assert eigenvalues.max() < 1 + 2e-3

@@ -1,5 +1,7 @@
 """What is told ashore, and when."""
 
+import math
+
 import numpy as np
 import pytest
 import shapely
@@ -116,6 +118,18 @@ def test_health_and_model_say_the_same(desk):
     assert (health.mode, health.lat_deg, health.distance_m) == ("unknown", None, 1234.0)
     assert (model.origin_lat_deg, model.origin_lon_deg) == (33.5, -118.5)
     assert model.utc_s is None
+    assert health.calibration == model.calibration == desk.learner.calibration.figures
+    assert health.ahead == model.ahead
+    assert (health.calibration.count, health.repairs) == (8, 0)
+
+
+def test_before_the_model_is_born_nothing_is_said_of_the_field():
+    desk = Desk()
+    desk.learner = Learner(SURVEY.span_m, centring_samples=3)
+    desk.reporter._learner = desk.learner
+    health = desk.step(50.0)[Topic.HEALTH]
+    assert (health.kernel, health.calibration.count) == ("", 0)
+    assert math.isnan(health.calibration.coverage_95)
 
 
 def test_a_plan_is_told_in_degrees(desk):

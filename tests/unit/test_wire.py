@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autonomy.effects import Topic
+from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.wire import (
@@ -18,6 +19,7 @@ from autonomy.wire import (
     ModelSnapshot,
     ObservationNotice,
     PlanNotice,
+    VersionError,
     WireError,
     alive_key,
     decode,
@@ -37,6 +39,15 @@ def maybe(strategy):
     return st.none() | strategy
 
 
+# NaN is told by its identity here: equal figures are equal field by field.
+unknown = st.just(math.nan)
+figures = st.builds(
+    CalibrationFigures,
+    coverage_95=unknown | share,
+    mean_square=unknown | st.floats(0, 1e9),
+    log_score=unknown | number,
+    count=count,
+)
 plans = st.integers(0, 20).flatmap(
     lambda corners: st.builds(
         PlanNotice,
@@ -70,6 +81,10 @@ healths = st.builds(
     rho=maybe(share),
     rho0=maybe(share),
     replans=count,
+    kernel=st.text(max_size=200),
+    calibration=figures,
+    ahead=figures,
+    repairs=count,
     distance_m=maybe(st.floats(0, 1e9)),
     clock_rate=maybe(st.floats(0, 1e4)),
     link_ok=st.booleans(),
@@ -79,9 +94,10 @@ healths = st.builds(
 )
 logs = st.builds(LogNotice, st.sampled_from(["debug", "info", "warning", "error"]), st.text(max_size=2000))
 
+NEAR, AHEAD = CalibrationFigures(0.94, 1.1, 0.3, 500), CalibrationFigures(math.nan, math.nan, math.nan, 0)
 HEALTH = HealthNotice(
     *("EXPLORING", "", "AUTO", True, 34.0, -120.0, 90.0, 1.5, 9.0),
-    *(10, 5, 0.2, 0.6, 1, 100.0, 1.0, True, False, 0),
+    *(10, 5, 0.2, 0.6, 1, "smooth 3.1 km", NEAR, AHEAD, 0, 100.0, 1.0, True, False, 0),
     quality={"aggregate": (9, 0, 1, 0, 0)},
 )
 PLAN = PlanNotice(0, (34.0, -120.0), ((34.1, -120.1),), (True,), 1.0, "paper", "first plan")
@@ -97,6 +113,8 @@ MODEL = ModelSnapshot(
     samples=3,
     rho=1.0,
     replans=0,
+    calibration=NEAR,
+    ahead=AHEAD,
     origin_lat_deg=34.0,
     origin_lon_deg=-120.0,
     bounds_m=(-10.0, -20.0, 30.0, 40.0),
@@ -183,6 +201,15 @@ def test_numbers_that_may_be_unknown_travel_as_null(unknown):
         (dataclasses.replace(PLAN, is_spot=()), "plan: route_deg, is_spot: must be equally long"),
         (dataclasses.replace(HEALTH, samples=-1), "health: samples: must be a whole number"),
         (LogNotice("shout", "hello"), "log: level: must be one of debug, info, warning, error"),
+        (
+            dataclasses.replace(HEALTH, calibration=dataclasses.replace(NEAR, coverage_95=1.2)),
+            "health: calibration: coverage_95: must be a number from 0 to 1",
+        ),
+        (
+            dataclasses.replace(MODEL, ahead=dataclasses.replace(NEAR, count=-1)),
+            "model: ahead: count: must be a whole number",
+        ),
+        (dataclasses.replace(HEALTH, repairs=-1), "health: repairs: must be a whole number"),
         (dataclasses.replace(HEALTH, state="x" * 41), "health: state: must be text of at most 40"),
     ],
 )
@@ -255,9 +282,32 @@ def test_every_missing_field_is_named(topic):
 
 def test_another_version_is_refused_and_new_fields_are_not():
     content = cbor2.loads(encode(HEALTH))
-    assert decode(Topic.HEALTH, cbor2.dumps({**content, "mood": "good"})) == HEALTH
-    with pytest.raises(WireError, match=r"health: v: must be 1 \(got 2\)"):
-        decode(Topic.HEALTH, cbor2.dumps({**content, "v": 2}))
+    inside = {**content["calibration"], "mood": "good"}
+    newer = cbor2.dumps({**content, "mood": "good", "calibration": inside})
+    assert decode(Topic.HEALTH, newer) == HEALTH
+    for version in (1, 3):
+        with pytest.raises(
+            VersionError, match=rf"health: v: must be 2 \(got {version}\): .* update the older"
+        ):
+            decode(Topic.HEALTH, cbor2.dumps({**content, "v": version}))
+
+
+@pytest.mark.parametrize("name", ["coverage_95", "mean_square", "log_score", "count"])
+def test_what_is_missing_of_the_calibration_is_named(name):
+    content = cbor2.loads(encode(MODEL))
+    del content["calibration"][name]
+    with pytest.raises(WireError, match=f"model: calibration: {name}: is missing"):
+        decode(Topic.MODEL, cbor2.dumps(content))
+
+
+@given(st.sampled_from(["coverage_95", "mean_square", "log_score", "count"]), st.data())
+def test_any_field_of_the_calibration_may_hold_anything(name, data):
+    content = cbor2.loads(encode(HEALTH))
+    content["ahead"][name] = data.draw(junk)
+    complaint = complaint_about(Topic.HEALTH, cbor2.dumps(content))
+    assert complaint is None or complaint.startswith(
+        (f"health: ahead: {name}: must be", "health: is not CBOR")
+    )
 
 
 @pytest.mark.parametrize(
@@ -288,7 +338,7 @@ def test_keys():
     assert key("boat1", Topic.MODEL) == "usv/boat1/model"
     assert alive_key("*") == "usv/*/alive"
     assert split_key("usv/boat1/plan") == ("boat1", "plan")
-    assert schema(Topic.MODEL) == "halocline/model/1"
+    assert schema(Topic.MODEL) == "halocline/model/2"
     for wrong in ("usv/boat1", "usv/a b/plan", "car/boat1/plan", "usv/boat1/plan/x", "usv//plan", ""):
         with pytest.raises(WireError, match="must be usv/<vehicle>/<topic>"):
             split_key(wrong)

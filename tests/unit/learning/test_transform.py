@@ -102,7 +102,7 @@ def test_a_level_is_a_probability(level: float) -> None:
 @pytest.mark.parametrize(
     ("transform", "value", "says"),
     [
-        (Identity(), math.nan, "not finite"),
+        (Identity(), math.nan, "must be finite"),
         (Log(), 0.0, "above 0"),
         (Log(), -1.0, "above 0"),
         (Log(), math.inf, "above 0"),
