@@ -9,13 +9,15 @@ from scipy.linalg.blas import dgemm, dgemv, dger
 from scipy.linalg.lapack import dpotrf
 
 from autonomy.config import EstimationSection
-from autonomy.learning.hyperparameters import fit, loo_log_likelihood
+from autonomy.learning.choice import choose
+from autonomy.learning.fitting import Method, fit
 from autonomy.learning.kernel import Hyperparameters, covariance
 from autonomy.learning.learner import Learner
-from autonomy.learning.likelihood import log_marginal_likelihood
+from autonomy.learning.likelihood import Readings
 from autonomy.learning.rebuild import reestimate
 from autonomy.learning.snapshot import decode, encode
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
+from autonomy.learning.structures import DEFAULT_CANDIDATES, STRUCTURES, Scales
 
 M = 100
 SPAN_M = 391.0
@@ -75,34 +77,49 @@ def test_a_map_of_351_by_391(report, seconds):
     report("map of 351 × 391, mean and variance", spent, "a matrix product of its size", product)
 
 
-@pytest.mark.parametrize("likelihood", [loo_log_likelihood, log_marginal_likelihood])
-@pytest.mark.parametrize("n", [100, 300])
-def test_a_likelihood_with_its_gradient(report, seconds, likelihood, n):
+def fit_readings(n):
+    """A draw of n readings, one each ten seconds."""
     x, y = readings(n)
-    K = np.asfortranarray(covariance(x, x, H) + 0.01 * np.eye(n))
-    factorised = seconds(lambda: dpotrf(K, lower=1), 7, 20)
-    name = (
-        likelihood.__name__.removesuffix("_log_likelihood").removesuffix("_likelihood").removeprefix("log_")
-    )
-    report(
-        f"{name} likelihood and gradient, n = {n}",
-        seconds(lambda: likelihood(x, y, H), 7, 5),
-        "Cholesky",
-        factorised,
-    )
+    return Readings.of(x, y, None, 10.0 * np.arange(n), "gls")
 
 
-def test_fits(report, seconds):
-    start = Hyperparameters(0.5, 0.05, (15.0, 15.0))
-    for what, n, options in (
-        ("fit, L-BFGS, marginal, n = 300", 300, {"objective": "marginal", "isotropic": True}),
-        ("fit, gradient ascent, LOO, n = 100", 100, {"optimiser": "gradient_ascent", "iterations": 300}),
-    ):
-        x, y = readings(n)
-        found = fit(x, y, start, **options)
-        spent = seconds(lambda: fit(x, y, start, **options), 3)  # noqa: B023
-        once = seconds(lambda: loo_log_likelihood(x, y, start), 5, 5)  # noqa: B023
-        report(what, spent, "LOO with gradient", once, f"{found.iterations} iterations")
+@pytest.mark.parametrize("objective", ["marginal", "loo"])
+@pytest.mark.parametrize("name", ["squared_exponential", "long_short", "ou", "static_moving"])
+@pytest.mark.parametrize("n", [200, 300])
+def test_a_likelihood_with_its_gradient(report, seconds, objective, name, n):
+    sample = fit_readings(n)
+    kernel = STRUCTURES[name].median(Scales(SPAN_M, 1.0, sample.elapsed_s))
+    K = np.asfortranarray(covariance(sample.x, sample.x, H) + 0.01 * np.eye(n))
+    factorised = seconds(lambda: dpotrf(K, lower=1), 50)
+    spent = seconds(lambda: getattr(sample, objective)(kernel), 50)
+    report(f"{objective} and gradient, {name}, n = {n}", spent, "Cholesky", factorised)
+
+
+@pytest.mark.parametrize(
+    ("what", "n", "method"),
+    [
+        ("L-BFGS, marginal", 300, Method()),
+        ("the paper's ascent", 100, Method("loo", "gradient_ascent", False, 300)),
+    ],
+)
+def test_fits(report, seconds, what, n, method):
+    sample, start = fit_readings(n), Hyperparameters(0.5, 0.05, (15.0, 15.0)).kernel
+    found = fit(sample, STRUCTURES["squared_exponential"], SPAN_M, start, method)
+    spent = seconds(lambda: fit(sample, STRUCTURES["squared_exponential"], SPAN_M, start, method), 3)
+    once = seconds(lambda: sample.loo(start), 5, 5)
+    report(f"fit, {what}, n = {n}", spent, "LOO with gradient", once, f"{found.iterations} iterations")
+
+
+def test_a_choice(report, seconds):
+    sample = fit_readings(300)
+    once = seconds(lambda: sample.marginal(H), 5, 5)
+    first = choose(sample, DEFAULT_CANDIDATES, SPAN_M)
+    spent = seconds(lambda: choose(sample, DEFAULT_CANDIDATES, SPAN_M), 3)
+    note = f"{first.fit.structure} of {len(first.scores)}"
+    report("choice from afar, n = 300", spent, "marginal with gradient", once, note)
+    newer = fit_readings(290)
+    spent = seconds(lambda: choose(newer, DEFAULT_CANDIDATES, SPAN_M, first.fit.structure, first.starts), 3)
+    report("choice from the last one, n = 290", spent, "marginal with gradient", once)
 
 
 def test_a_whole_reestimate(report, seconds):
