@@ -1,5 +1,7 @@
 """What must hold of a whitened posterior whatever it has learnt, and how to see that it does."""
 
+import math
+
 import numpy as np
 from scipy.linalg.lapack import dpotrf
 
@@ -8,6 +10,29 @@ from autonomy.learning.numbers import FloatArray
 # How far outside [0, 1] rounding may leave an eigenvalue of S. Variances are off by no more than that share of
 # σf², far below what a map or a plan can tell.
 TOLERANCE = 1e-6
+
+
+def broken_variances(diagonal: FloatArray) -> str | None:
+    """What is wrong with `diagonal` (D,), the variances of S; None if nothing is. Next to free."""
+    low, high = float(np.minimum.reduce(diagonal)), float(np.maximum.reduce(diagonal))
+    if low >= -TOLERANCE and high <= 1.0 + TOLERANCE:
+        return None
+    return f"the state's variances reach from {low:.9g} to {high:.9g}, outside [0, 1]"
+
+
+def broken_prediction(innovation: float, spread: float, variance: float, signal: float) -> str | None:
+    """What is wrong with a reading's prediction: its `innovation`, of which the basis contributes `spread` to the
+    `variance`; None if nothing is.
+
+    `spread` is aᵀSa with |a|² ≤ `signal`, so it tells the eigenvalues of S in the one direction that matters now.
+    """
+    slack = TOLERANCE * signal
+    if math.isfinite(innovation) and -slack <= spread <= signal + slack and 0.0 < variance < math.inf:
+        return None
+    return (
+        f"a reading's innovation was {innovation:.9g} with variance {variance:.9g}, of which the state gave "
+        f"{spread:.9g} where between 0 and {signal:.9g} is possible"
+    )
 
 
 def broken(state: FloatArray) -> str | None:

@@ -25,8 +25,9 @@ from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel, as_poi
 from autonomy.learning.members import IntArray, Members
 from autonomy.learning.state import WhitenedState
 
-# The full check of the state costs as much as this many updates, or thereabouts.
-_CHECK_EVERY = 256
+# Updates between looks at the variances of the state, and between looks at all of it, which costs as much as a
+# few dozen updates.
+_GLANCE_EVERY, _CHECK_EVERY = 8, 256
 
 
 class Update(Enum):
@@ -203,9 +204,15 @@ class SparseOnlineGP:
         noise = as_vector(noise_variances, "noise_variances", len(points))
         if (noise <= 0).any():
             raise ValueError("noise_variances must be positive")
-        if len(self):
+        if not len(self) or self._fault is not None:
+            return
+        try:
             self._state.absorb(self._members, points, residuals, noise)
-            self.updates += len(points)
+        except np.linalg.LinAlgError as error:
+            self._found(f"the covariance of {len(points)} readings was not positive definite: {error}")
+        self.updates += len(points)
+        if self.updates >= self._check_at:
+            self.check()
 
     def start_basis(self, points: ArrayLike, readings: ArrayLike, counts: ArrayLike) -> None:
         """Give an empty model its basis: `points` (m, d) with their `readings` (m,), which are not learnt.
@@ -242,18 +249,18 @@ class SparseOnlineGP:
         return self._state.model(self._members, self.prior_mean)
 
     def fault(self) -> str | None:
-        """Which invariant of the state broke, if ever one did; then the model has to be made anew.
+        """Which invariant of the state broke, if ever one did: then nothing more is learnt, and the model has to be
+        made anew.
 
-        Every update looks at what it uses: the innovation and its variance, the variances of the state.
-        The whole state is looked at once in a few hundred updates, and by `check`.
+        Every update looks at what it uses, the innovation and its variance; every eighth at the variances of
+        the state; one in a few hundred at all of it, as `check` does.
         """
         return self._fault
 
     def check(self) -> str | None:
         """Look at the whole state now, O(m³); returns `fault`."""
         self._check_at = self.updates + max(_CHECK_EVERY, self._state.matrix.shape[1])
-        if self._fault is None:
-            self._fault = invariants.broken(self._state.matrix)
+        self._found(invariants.broken(self._state.matrix))
         return self._fault
 
     def _checked(
@@ -282,15 +289,19 @@ class SparseOnlineGP:
         r = value - self.prior_mean - float(p[-1])
         s = noise + sum(gammas) + spread
         self.updates += 1
-        if not (math.isfinite(r) and -invariants.TOLERANCE * self._signal <= spread <= 2.0 * self._signal):
-            self._fault = (
-                self._fault or f"the prediction of a reading is not finite or not possible: {r}, {s}"
-            )
-        else:
-            self._residual = (r, s)
+        found = invariants.broken_prediction(r, spread, s, self._signal)
+        if found is None and self.updates % _GLANCE_EVERY == 0:
+            found = invariants.broken_variances(self._state.diagonal)
+        self._found(found)
+        self._residual = None if found else (r, s)
         if self.updates >= self._check_at:
             self.check()
         return p, gammas, r, s
+
+    def _found(self, fault: str | None) -> None:
+        """The first fault is the one that is told: the others follow from it."""
+        if fault is not None and self._fault is None:
+            self._fault = fault
 
     def _condition(self, p: FloatArray, r: float, s: float) -> None:
         if self._fault is None:

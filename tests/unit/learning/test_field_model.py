@@ -4,9 +4,11 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from autonomy.learning.field_model import FieldModel
-from autonomy.learning.kernel import Hyperparameters
+from autonomy.learning.field_model import FieldModel, Prediction
+from autonomy.learning.kernel import Component, Hyperparameters, Kernel
 from autonomy.learning.sparse_gp import SparseOnlineGP
+from autonomy.learning.spatial import Matern32, SquaredExponential
+from autonomy.learning.temporal import OrnsteinUhlenbeck
 
 H = Hyperparameters(2.0, 0.02, (30.0, 50.0))
 
@@ -38,17 +40,73 @@ def test_a_map_wider_than_one_chunk_is_still_the_same(model, monkeypatch):
     np.testing.assert_allclose(pieces.variance, whole.variance, atol=1e-12)
 
 
-def test_a_map_takes_no_temporary_over_32_megabytes():
+def two_groups(m=300):
+    """A still field of a smooth and a rough part and a moving one, at the largest size that is meant."""
+    kernel = Kernel(
+        (
+            Component(1.0, SquaredExponential((400.0, 300.0))),
+            Component(0.3, Matern32((150.0, 150.0))),
+            Component(0.5, SquaredExponential((200.0, 200.0)), OrnsteinUhlenbeck(1e4)),
+        ),
+        0.01,
+    )
     rng = np.random.default_rng(1)
-    gp = SparseOnlineGP(Hyperparameters(1.0, 0.01, (40.0, 40.0)), 100)
-    for point in rng.uniform(0, 391, (400, 2)):
-        gp.update(point, rng.normal())
-    model = gp.model()
+    gp = SparseOnlineGP(kernel, m, prior_mean=3.0)
+    points = rng.uniform(0, 2000, (m, 2))
+    gp.start_basis(points, np.zeros(m), np.ones(m))
+    gp.absorb(points, 3.0 + rng.normal(size=m), np.full(m, 0.01))
+    return gp.model()
+
+
+def peak_of(work):
+    """The most memory in bytes that `work` needs beyond what it returns."""
     tracemalloc.start()
-    model.predict_grid(np.arange(351.0), np.arange(391.0))
+    result = work()
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < 32e6
+    kept = (result.mean, result.variance) if isinstance(result, Prediction) else (result,)
+    return peak - sum(array.nbytes for array in kept)
+
+
+@pytest.mark.parametrize("shape", [(30, 1500), (1500, 30), (3, 15_000), (700, 900)])
+def test_a_map_takes_no_more_than_32_megabytes_beside_itself(shape):
+    model = two_groups()
+    y, x = (np.linspace(0, 2000, n) for n in shape)
+    if shape[0] * shape[1] < 100_000:
+        assert peak_of(lambda: model.predict_grid(x, y)) < 32e6
+    assert peak_of(lambda: model.mean_grid(x, y)) < 32e6
+
+
+def test_many_points_take_no_more_than_32_megabytes():
+    model, points = two_groups(), np.random.default_rng(2).uniform(0, 2000, (40_000, 2))
+    assert peak_of(lambda: model.predict(points)) < 32e6
+
+
+def test_the_mean_alone_of_a_separable_field_evaluates_it_along_two_edges_only(model, monkeypatch):
+    seen = []
+    correlation = SquaredExponential.correlation
+
+    def counting(self, squared):
+        seen.append(squared.size)
+        return correlation(self, squared)
+
+    x, y = np.linspace(0, 200, 400), np.linspace(0, 200, 300)
+    expected = model.predict_grid(x, y).mean
+    monkeypatch.setattr(SquaredExponential, "correlation", counting)
+    mean = model.mean_grid(x, y)
+    assert sum(seen) == len(model) * (400 + 300)
+    np.testing.assert_allclose(mean, expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 2500), (1500, 2), (37, 23)])
+def test_maps_of_any_shape_and_kernel_are_the_predictions_at_their_cells(shape):
+    model = two_groups(30)
+    y, x = (np.linspace(-100, 2100, n) for n in shape)
+    points = model.predict(np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))
+    grid = model.predict_grid(x, y)
+    np.testing.assert_allclose(grid.mean.ravel(), points.mean, atol=1e-9)
+    np.testing.assert_allclose(grid.variance.ravel(), points.variance, atol=1e-9)
+    np.testing.assert_allclose(model.mean_grid(x, y).ravel(), points.mean, atol=1e-9)
 
 
 def test_the_covariance_has_the_variances_on_its_diagonal_and_is_positive(model):
@@ -65,6 +123,8 @@ def test_the_prior_predicts_itself():
     prediction = prior.predict_grid([0.0, 1.0], [0.0, 1.0, 2.0])
     assert (prediction.mean == 33.5).all()
     assert (prediction.variance == 2.0).all()
+    assert (prior.mean_grid([0.0, 1.0], [0.0]) == 33.5).all()
+    assert prior.advanced(5.0).predict([[0.0, 0.0]]).variance == 2.0
     assert prior.covariance([[0.0, 0.0], [30.0, 0.0]])[0, 1] == pytest.approx(2 * np.exp(-0.5))
 
 
@@ -103,8 +163,12 @@ def test_a_map_needs_two_axes():
         FieldModel.prior(Hyperparameters(1.0, 1.0, (1.0,))).predict_grid([0.0], [0.0])
     with pytest.raises(ValueError, match="x_axis"):
         FieldModel.prior(H).predict_grid([[0.0]], [0.0])
+    with pytest.raises(ValueError, match="y_axis"):
+        FieldModel.prior(H).mean_grid([0.0], [np.nan])
 
 
 def test_arrays_that_do_not_fit_together_are_refused():
-    with pytest.raises(ValueError, match="factor"):
+    with pytest.raises(ValueError, match="one for each group"):
+        FieldModel(H.kernel, 0.0, 1e-8, np.zeros((2, 2)), (), np.zeros(2), np.zeros((2, 2)))
+    with pytest.raises(ValueError, match=r"factors\[0\]"):
         FieldModel(H.kernel, 0.0, 1e-8, np.zeros((2, 2)), (np.zeros((3, 3)),), np.zeros(2), np.zeros((2, 2)))
