@@ -19,11 +19,11 @@ def belief(model: ModelSnapshot) -> str:
 
 
 def agreement(model: ModelSnapshot) -> str:
-    """How often the 95 % intervals held: "95 % held 94 % of 500, 91 % of 43 ahead"."""
+    """How often the 95 % intervals held: "95 % intervals held 94 % of 500 readings, 91 % of 43 ahead"."""
     if not model.calibration.count:
-        return "95 % untested"
+        return "95 % intervals untested"
     ahead = f", {_share(model.ahead)} ahead" if model.ahead.count else ""
-    return f"95 % held {_share(model.calibration)}{ahead}"
+    return f"95 % intervals held {_share(model.calibration)} readings{ahead}"
 
 
 def _share(figures: CalibrationFigures) -> str:

@@ -266,7 +266,10 @@ def test_watch_ends_cleanly_on_a_signal(learnt, number):
         line = shore.stdout.readline()
         assert "boat1" in line
         assert "samples 400  basis" in line
-        assert "smooth 1.5 km x 1.2 km  σn 0.032  95 % held 94 % of 400, 91 % of 43 ahead" in line
+        assert (
+            "smooth 1.5 km x 1.2 km  σn 0.032  95 % intervals held 94 % of 400 readings, 91 % of 43 ahead"
+            in line
+        )
         os.kill(shore.pid, number)
         assert shore.wait(SOON_S) == 0
         assert shore.stderr.read() == "boat1: connected\n"
