@@ -1,10 +1,12 @@
 """The instrument: it reads the field where the boat is, with noise, at its own interval."""
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from sim.faults import Fault
 from sim.vessel import Position, ScalarField
 
 
@@ -13,7 +15,8 @@ class Sensor:
     """A scalar instrument with white Gaussian noise.
 
     Readings fall on whole multiples of `interval_s` of simulated time. A reading where the field knows no
-    value (on land, outside its data) is NaN, as a real instrument out of the water would say.
+    value (on land, outside its data) is NaN, as a real instrument out of the water would say. `faults` come last, each
+    upon what the one before it makes of a reading.
     """
 
     field: ScalarField
@@ -21,6 +24,7 @@ class Sensor:
     name: str = "SALT"
     interval_s: float = 1.0
     noise_std: float = 0.0
+    faults: Sequence[Fault] = ()
     taken: int = dataclasses.field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -40,4 +44,7 @@ class Sensor:
         """Take the reading that is due, at a position and time."""
         self.taken += 1
         true = float(np.asarray(self.field.value(position.lat_deg, position.lon_deg, time_s)))
-        return true + self.noise_std * float(self.rng.standard_normal())
+        value = true + self.noise_std * float(self.rng.standard_normal())
+        for fault in self.faults:
+            value = fault(time_s, value)
+        return value

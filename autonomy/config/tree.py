@@ -271,8 +271,9 @@ class QualitySection(Section):
     )
     flat_suspect_s: Limit | None = Field(
         default=None,
-        description="time for which a reading may stay the same before it is suspect; null: more repeats than come "
-        "by chance once in a million readings, and at least ten",
+        description="time for which a reading may stay the same before it is suspect; null: four times as many "
+        "repeats as the longest of the last sixty runs of equal readings had and at least ten, or not at all "
+        "where most readings repeat the one before",
         json_schema_extra={"allowed": LIMIT_FORMS},
     )
     flat_fail_s: Limit | None = Field(

@@ -1,9 +1,10 @@
 """The flat line test: a probe that is fouled, stuck or dead repeats itself.
 
 QARTOD's test 8, over time instead of a count of readings: a reading's flag follows from how long all readings up to
-it have stayed within the tolerance. A limit of None is scaled to the stream: where a share p of the readings repeat
-the one before, n repeats in a row come about by chance with probability pⁿ. A probe that resolves its own noise never
-repeats itself ten times; one that sends each value four times, or rounds coarsely, does, and p says so.
+it have stayed within the tolerance. A limit of None is scaled to the stream: `LONGEST_RATIO` times as many repeats as
+the longest of the last runs had. That asks for a probe that resolves its own noise and so hardly repeats itself. Of one
+that sends each value four times, or rounds coarsely, nothing is known without a limit: in quiet water it stays the same
+for as long as the water does.
 """
 
 import math
@@ -15,9 +16,13 @@ from autonomy.quality.flags import Flag
 FEWEST_REPEATS = 10
 """However seldom a stream repeats itself, fewer repeats in a row are no flat line; it takes twice as many to fail."""
 
-_RAREST_LOG = math.log(1e-6)
-_MEMORY = 600
-_LONGEST = 20_000
+LONGEST_RATIO = 4.0
+
+MOST_REPEATS = 0.5
+"""A larger share of repeats among the last readings is no probe that resolves its noise."""
+
+_RUNS = 61
+_LONGEST_QUEUE = 20_000
 
 
 @dataclass
@@ -59,7 +64,7 @@ class _Run:
         self._highest.append(_Extreme(value, time_s, self._index + 1))
         while self._highest[0].value - self._lowest[0].value > self._tolerance:
             self._drop(min(self._lowest, self._highest, key=lambda queue: queue[0].next_index))
-        while max(len(self._lowest), len(self._highest)) > _LONGEST:
+        while max(len(self._lowest), len(self._highest)) > _LONGEST_QUEUE:
             self._drop(max(self._lowest, self._highest, key=len))
         return time_s - self._start_s, self._index - self._start_index
 
@@ -81,43 +86,36 @@ class FlatLine:
         self, suspect_s: float | None = None, fail_s: float | None = None, tolerance: float = 0.0
     ) -> None:
         self._suspect_s, self._fail_s = suspect_s, fail_s
-        self._tolerance = tolerance
         self._run = _Run(tolerance)
-        self._last: float | None = None
-        self._repeats: deque[bool] = deque()
-        self._repeats_sum = 0
+        self._repeats = 0
+        self._runs: deque[int] = deque(maxlen=_RUNS)
 
     def add(self, time_s: float, value: float) -> Flag:
         """The flag of the next reading; a run exactly as long as a limit has reached it."""
         lasted_s, repeats = self._run.add(time_s, value)
+        if repeats <= self._repeats:
+            # Those of stuck probes too: so many changes later they are forgotten, and coarse rounding is learnt.
+            self._runs.append(self._repeats)
+        self._repeats = repeats
         usual = self._usual_repeats()
-        if self._reached(lasted_s, self._fail_s, repeats, 2 * usual):
-            flag = Flag.FAIL
-        elif self._reached(lasted_s, self._suspect_s, repeats, usual):
-            flag = Flag.SUSPECT
-        else:
-            flag = Flag.GOOD
-            # A stuck probe's repeats must not make repeats usual.
-            if self._last is not None:
-                self._remember(abs(value - self._last) <= self._tolerance)
-        self._last = value
-        return flag
+        if _reached(lasted_s, self._fail_s, repeats, 2.0 * usual):
+            return Flag.FAIL
+        if _reached(lasted_s, self._suspect_s, repeats, usual):
+            return Flag.SUSPECT
+        limits_s = (self._suspect_s or usual, self._fail_s or usual)
+        return Flag.NOT_EVALUATED if min(limits_s) == math.inf else Flag.GOOD
+
+    def _usual_repeats(self) -> float:
+        """As many as should not come in a row; infinity where they may be as many as they will."""
+        total = sum(self._runs)
+        if total > MOST_REPEATS * (total + len(self._runs)):
+            return math.inf
+        return max(FEWEST_REPEATS, LONGEST_RATIO * max(self._runs, default=0))
 
     def interrupt(self) -> None:
         """Readings are missing: nothing says that the value stayed the same meanwhile."""
         self._run.clear()
-        self._last = None
 
-    def _reached(self, lasted_s: float, limit_s: float | None, repeats: int, limit: float) -> bool:
-        return repeats >= limit if limit_s is None else lasted_s >= limit_s
 
-    def _usual_repeats(self) -> float:
-        """So many repeats in a row come by chance once in a million readings."""
-        share = (self._repeats_sum + 1.0) / (len(self._repeats) + 2.0)
-        return max(FEWEST_REPEATS, _RAREST_LOG / math.log(share))
-
-    def _remember(self, repeat: bool) -> None:
-        self._repeats.append(repeat)
-        self._repeats_sum += repeat
-        if len(self._repeats) > _MEMORY:
-            self._repeats_sum -= self._repeats.popleft()
+def _reached(lasted_s: float, limit_s: float | None, repeats: int, limit: float) -> bool:
+    return repeats >= limit if limit_s is None else lasted_s >= limit_s

@@ -4,7 +4,7 @@ import math
 
 from autonomy.quality.running import RunningMedian
 
-_STEPS, _VALUES, _INTERVALS = 121, 601, 31
+_STEPS, _VALUES, _INTERVALS = 61, 601, 31
 _NOISE_PER_STEP = 1.0 / (0.6745 * math.sqrt(2.0))
 """Standard deviation of white noise over the median of the absolute steps that it makes."""
 _SPREAD_PER_QUARTILES = 1.0 / 1.349

@@ -192,8 +192,8 @@ class QualityControl(Generic[T]):
         one = self._queue.popleft()
         spike = rate = Flag.MISSING if one.syntax is Flag.MISSING else Flag.NOT_EVALUATED
         if one.usable:
-            spike, rate = self._spike(one.reading, after), self._rate(one.reading)
-            if max(spike, rate) < Flag.SUSPECT:
+            spike, rate = self._spike(one.reading, after), self._rate(one.reading, one.flat_line)
+            if max(spike, rate, one.flat_line) < Flag.SUSPECT:
                 self._reference = one.reading
             self._before = one.reading
         flags = (one.timing, one.syntax, one.gross_range, one.location, spike, rate, one.flat_line)
@@ -220,29 +220,28 @@ class QualityControl(Generic[T]):
             return Flag.NOT_EVALUATED
         return above(spike_height(before.value, reading.value, after.value), suspect, fail)
 
-    def _rate(self, reading: Reading) -> Flag:
+    def _rate(self, reading: Reading, flat_line: Flag) -> Flag:
         """Against the last reading that was good, so that not even a row of bad ones makes the next bad one good."""
         if self._reference is None:
             return Flag.NOT_EVALUATED
         flag = self._step(self._reference, reading)
-        if flag < Flag.SUSPECT or self._before is None:
-            self._consistent = 0
-            return flag
-        self._consistent = self._consistent + 1 if self._step(self._before, reading) is Flag.GOOD else 0
+        follows = self._before is not None and self._step(self._before, reading) is Flag.GOOD
+        # A stuck probe is consistent too.
+        odd = flag >= Flag.SUSPECT and follows and flat_line is Flag.GOOD
+        self._consistent = self._consistent + 1 if odd else 0
         return Flag.GOOD if self._consistent >= CONSISTENT_READINGS else flag
 
     def _step(self, start: Reading, end: Reading) -> Flag:
         """The flag of the step from one reading to another."""
-        passed_s = abs(end.model_time_s - start.model_time_s)
-        step, section = abs(end.value - start.value), self._section
-        noise, interval_s = self._scale.noise, self._scale.interval_s
+        passed_s = abs(end.model_time_s - start.model_time_s) or 1.0
+        noise, interval_s, section = self._scale.noise, self._scale.interval_s, self._section
         scaled = math.inf
         if noise is not None and interval_s is not None:
             # What is left of a difference after a while grows as that of a random walk.
             scaled = max(STEP_NOISES * noise, STEP_SPREADS * self._scale.spread)
             scaled *= math.sqrt(max(1.0, passed_s / interval_s))
-        suspect = scaled if section.rate_suspect_per_s is None else section.rate_suspect_per_s * passed_s
-        fail = FAIL_RATIO * scaled if section.rate_fail_per_s is None else section.rate_fail_per_s * passed_s
+        suspect = scaled / passed_s if section.rate_suspect_per_s is None else section.rate_suspect_per_s
+        fail = FAIL_RATIO * scaled / passed_s if section.rate_fail_per_s is None else section.rate_fail_per_s
         if math.isinf(suspect) and math.isinf(fail):
             return Flag.NOT_EVALUATED
-        return above(step, suspect, fail)
+        return above(abs(end.value - start.value) / passed_s, suspect, fail)
