@@ -26,6 +26,8 @@ _FEW_POINTS = 100
 # L-BFGS ends when an iteration gains less than this share of the objective: some ten thousandths of a nat.
 _NEGLIGIBLE_GAIN = 1e-7
 _SHORTER = 5.0
+# By how many nats the summit far from the priors' medians has to be higher.
+_SECOND_SUMMIT = 2.0
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,9 @@ def fit(
     ]
     if not climbs:
         return _kept(readings, structure, span_m, start, "the objective is not finite at the start")
-    best, count, converged, message = max(climbs, key=lambda climbed: target(climbed[0])[0])
+    best, count, converged, message = climbs[0]
+    if len(climbs) > 1 and target(climbs[1][0])[0] > target(best)[0] + _SECOND_SUMMIT:
+        best, count, converged, message = climbs[1]
     kernel = structure.kernel(best)
     # The density of the values in sensor units; a restricted likelihood is one of n − 1 contrasts.
     restricted = readings.unknown_mean and method.objective == "marginal"
