@@ -18,7 +18,7 @@ help:
 	@echo "make bench   benchmarks, as ratios against references measured in the same run"
 	@echo "make clean   remove the virtual environment and caches"
 
-$(READY): pyproject.toml
+$(READY): pyproject.toml autonomy/learning/_compiled.c
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[sim,shore,dev]'
 	@touch $@

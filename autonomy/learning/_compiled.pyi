@@ -1,0 +1,9 @@
+from collections.abc import Sequence
+
+from autonomy.learning.numbers import FloatArray
+
+def whiten(factor: FloatArray, k: FloatArray) -> None: ...
+def condition(state: FloatArray, p: FloatArray, innovation: float, variance: float) -> None: ...
+def remove(
+    state: FloatArray, other: FloatArray, factors: Sequence[FloatArray], blocks: Sequence[int], index: int
+) -> None: ...
