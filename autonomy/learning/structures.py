@@ -229,6 +229,8 @@ def _log_shares(logits: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 _SE, _M32 = SquaredExponential, Matern32
 _LONG_SHORT = (Part(_SE), Part(_M32, shorter=6.0))
+# An anomaly that is smooth, or rough, or both at once.
+_STATIC_MOVING = (Part(_M32), Part(_SE, moves=True, shorter=1.5), Part(_M32, moves=True, shorter=6.0))
 STRUCTURES: dict[str, Structure] = {
     structure.name: structure
     for structure in (
@@ -239,16 +241,10 @@ STRUCTURES: dict[str, Structure] = {
         Structure("long_short", _LONG_SHORT, spans=1.0 / 3.0, minimum_points=30),
         Structure("ou", (Part(_SE, moves=True),), penalty=3.0, minimum_points=40),
         Structure("smooth_motion", (Part(_SE, moves=True),), MaternMotion, penalty=3.0, minimum_points=40),
-        Structure(
-            "static_moving",
-            (*_LONG_SHORT, Part(_SE, moves=True, shorter=2.0)),
-            spans=1.0 / 3.0,
-            penalty=7.0,
-            minimum_points=60,
-        ),
+        Structure("static_moving", _STATIC_MOVING, spans=1.0 / 3.0, penalty=7.0, minimum_points=60),
         Structure(
             "static_smooth_motion",
-            (*_LONG_SHORT, Part(_SE, moves=True, shorter=2.0)),
+            _STATIC_MOVING,
             MaternMotion,
             spans=1.0 / 3.0,
             penalty=7.0,
