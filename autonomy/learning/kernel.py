@@ -22,7 +22,6 @@ __all__ = [
     "Kernel",
     "as_points",
     "as_vector",
-    "axis_factor",
     "covariance",
     "squared_distances",
 ]
@@ -193,14 +192,3 @@ def squared_distances(a: FloatArray, b: FloatArray, lengthscales_m: tuple[float,
 def covariance(a: FloatArray, b: FloatArray, h: Hyperparameters) -> FloatArray:
     """Noise-free covariance of the field at one moment between `a` (n, d) and `b` (k, d): shape (n, k)."""
     return h.kernel.covariance(a, b)
-
-
-def axis_factor(centres: FloatArray, axis: FloatArray, lengthscale_m: float) -> FloatArray:
-    """The squared-exponential kernel's factor along one axis, shape (len(centres), len(axis)), without the variance.
-
-    On a grid the kernel is the product of such factors, so a map needs exponentials along its two edges
-    only.
-    """
-    difference = np.subtract.outer(centres / lengthscale_m, axis / lengthscale_m)
-    factor: FloatArray = np.exp(-0.5 * difference * difference)
-    return factor

@@ -1,11 +1,9 @@
 """Speed of the learner: ratios against linear algebra or a simpler way, in the same run."""
 
 import pickle
-import timeit
 
 import numpy as np
 import pytest
-from scipy.linalg.blas import dgemm, dgemv, dger
 from scipy.linalg.lapack import dpotrf
 
 from autonomy.config import EstimationSection
@@ -16,7 +14,7 @@ from autonomy.learning.learner import Learner
 from autonomy.learning.likelihood import Readings
 from autonomy.learning.rebuild import reestimate
 from autonomy.learning.snapshot import decode, encode
-from autonomy.learning.sparse_gp import SparseOnlineGP, Update
+from autonomy.learning.sparse_gp import SparseOnlineGP
 from autonomy.learning.structures import DEFAULT_CANDIDATES, STRUCTURES, Scales
 
 M = 100
@@ -38,43 +36,6 @@ def readings(n, noise=0.1):
     x = rng.uniform(0, SPAN_M, (n, 2))
     root = np.linalg.cholesky(covariance(x, x, H) + 1e-8 * np.eye(n))
     return x, root @ rng.normal(size=n) + noise * rng.normal(size=n)
-
-
-@pytest.fixture
-def rank_one(seconds):
-    """The two passes over an m × m state that no update can do without."""
-    S, a = np.asfortranarray(np.eye(M)), np.full(M, 1e-6)
-    return seconds(lambda: dger(-1.0, a, dgemv(1.0, S, a), a=S, overwrite_a=1), 7, 2000)
-
-
-def test_a_reading_that_is_projected(report, seconds, rank_one):
-    gp = full_model()
-    spent = seconds(lambda: gp.project((50.0, 60.0), 0.1), 7, 500)
-    report("learn a reading, projected, m = 100", spent, "dgemv + dger", rank_one)
-
-
-def test_a_reading_that_replaces(report, rank_one):
-    gp, rng = full_model(2000.0), np.random.default_rng(1)
-    spent = []
-    for point in rng.uniform(0, 2000.0, (3000, 2)):
-        value = rng.normal()
-        began = timeit.default_timer()
-        outcome = gp.update(point, value)
-        took = timeit.default_timer() - began
-        if outcome is Update.REPLACED:
-            spent.append(took)
-    report("learn a reading, replacing, m = 100", float(np.median(spent)), "dgemv + dger", rank_one)
-
-
-def test_a_map_of_351_by_391(report, seconds):
-    gp = full_model()
-    x, y = np.arange(351.0), np.arange(391.0)
-    rng = np.random.default_rng(2)
-    A, B = rng.normal(size=(M, M)), np.asfortranarray(rng.normal(size=(M, len(x) * len(y))))
-    C = np.zeros_like(B, order="F")
-    product = seconds(lambda: dgemm(1.0, A, B, beta=0.0, c=C, overwrite_c=1))
-    spent = seconds(lambda: gp.predict_grid(x, y))
-    report("map of 351 × 391, mean and variance", spent, "a matrix product of its size", product)
 
 
 def fit_readings(n):
