@@ -83,8 +83,8 @@ PATCH_SCALES = Scales(
     wander_days=(3.0, 8.0),
 )
 
-# Of the moving sea's variance about as much is locked to coast and inflow as drifts; what drifts is gone in two days.
-MOVING_SCALES = replace(PATCH_SCALES, upwelling=0.35, upwelling_width_km=3.5, front=0.2, eddy=0.0)
+# Three quarters of the moving sea's variance are locked to coast and inflow; what drifts is gone in two days.
+MOVING_SCALES = replace(PATCH_SCALES, upwelling=0.35, upwelling_width_km=3.5, front=0.3, eddy=0.0)
 MOVING_SPEEDS = Speeds(
     mean_mps=0.03,
     swing_mps=0.02,
@@ -97,7 +97,7 @@ MOVING_SPEEDS = Speeds(
     shore_m=1200.0,
 )
 MOVING_STRANGE = Swarm(deviation=0.10, size_m=2000.0, period_s=(3.0 * _DAY_S, 10.0 * _DAY_S), waves=24)
-MOVING_RETURN_S = 2.0 * _DAY_S
+MOVING_RETURN_S = 1.5 * _DAY_S
 MOVING_SUPPLY_S = 0.25 * _DAY_S
 MOVING_DIFFUSIVITY_M2PS = 1.0
 
