@@ -78,6 +78,10 @@ class Calibration:
         self._scores[place] = log_slope - 0.5 * (z * z + math.log(2.0 * math.pi * variance))
         self._added += 1
 
+    def restart(self) -> None:
+        """Forget all residuals: those of a model that is believed no longer say nothing of its successor."""
+        self._added = 0
+
     @property
     def figures(self) -> CalibrationFigures:
         """All figures at once, of the same window."""

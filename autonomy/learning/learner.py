@@ -38,7 +38,7 @@ class Learner:
     None: chosen for `area_m2` of water (None: all of the span's square) within `budget`, anew with every
     re-estimate. `novelty`, `jitter`: see `SparseOnlineGP`. Readings pass through `transform`; history and
     model are in its latent units. `calibration` holds what was predicted of each reading against it, `ahead`
-    what was predicted of some from afar.
+    what was predicted of some from afar; both since the kernel last changed.
 
     No call learns for long: birth and `adopt` leave what would take too long waiting, `behind` tells how
     much that is, and `catch_up` learns it slice by slice, in the order it came. Meanwhile everything may be
@@ -236,6 +236,8 @@ class Learner:
         self._starts = result.choice.starts
         if not result.fit.kept_start:
             self._structure = result.fit.structure
+            self.calibration.restart()
+            self.ahead.restart()
         self.mark()
 
     @property

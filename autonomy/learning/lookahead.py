@@ -18,8 +18,8 @@ from autonomy.learning.field_model import FieldModel
 from autonomy.learning.numbers import FloatArray, positive
 
 WINDOW = 100
-# In the middle between two lanes of a survey of ten the nearest reading is a twentieth of the span away.
-DISTANCES_PER_SPAN = 20
+# In a survey of ten lanes the nearest reading is, on average, a fortieth of the span away.
+DISTANCES_PER_SPAN = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +36,11 @@ class Lookahead:
         self._distance_m = positive("distance_m", distance_m)
         self._aside: _Aside | None = None
         self.calibration = Calibration(window)
+
+    def restart(self) -> None:
+        """Forget all residuals, and the model put aside: another one is believed now."""
+        self._aside = None
+        self.calibration.restart()
 
     @property
     def figures(self) -> CalibrationFigures:

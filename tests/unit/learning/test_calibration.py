@@ -122,3 +122,12 @@ def test_a_pickled_copy_goes_on_alike() -> None:
     for one in (calibration, copy):
         one.add(0.25, 0.5)
     assert copy.figures == calibration.figures
+
+
+def test_after_a_restart_only_what_follows_counts() -> None:
+    calibration, fresh = filled(np.full(30, 5.0), np.ones(30), 20), Calibration(20)
+    calibration.restart()
+    assert calibration.count == 0
+    for one in (calibration, fresh):
+        one.add(0.5, 2.0)
+    assert calibration.figures == fresh.figures

@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from autonomy.config import EstimationSection
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
+from autonomy.learning.rebuild import reestimate
 from autonomy.learning.transform import Log, Logit, Transform
 
 SPAN = 4000.0
@@ -92,8 +94,8 @@ def test_every_reading_is_judged_once_and_some_from_afar() -> None:
     learner = taught(places, values, Log())
     steps = np.hypot(*np.diff(places, axis=0).T)
     assert learner.calibration.count == 250
-    # One in a twentieth of the span, or in a whole step where that is longer.
-    assert 20 <= learner.ahead.figures.count <= steps.sum() / (SPAN / 20)
+    # One in a fortieth of the span, or in a whole step where that is longer.
+    assert 20 <= learner.ahead.figures.count <= steps.sum() / (SPAN / 40)
     assert 0.6 < learner.calibration.coverage_95 <= 1.0
 
 
@@ -102,3 +104,15 @@ def test_before_birth_the_prior_is_told_in_sensor_units() -> None:
     model = Learner(SPAN, 60, hyperparameters=h, transform=Log()).model()
     assert isinstance(model, FieldModel)
     assert model.predict([[0.0, 0.0]]).mean[0] == pytest.approx(math.exp(0.25))
+
+
+def test_a_new_kernel_is_judged_by_what_it_says_itself() -> None:
+    places, values = readings(Log(), 250)
+    learner = taught(places[:200], values[:200], Log())
+    assert learner.calibration.count == 200
+    learner.adopt(reestimate(learner.reestimate_request(1, EstimationSection())))
+    assert (learner.calibration.count, learner.ahead.figures.count) == (0, 0)
+    for i in range(200, 250):
+        learner.add(places[i], float(values[i]), float(i))
+    assert learner.calibration.count == 50
+    assert 0 < learner.ahead.figures.count < 50
