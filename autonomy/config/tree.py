@@ -38,8 +38,9 @@ Candidate = Literal[
     "ou",
     "smooth_motion",
     "static_moving",
+    "static_smooth_motion",
 ]
-_MOVING = ("ou", "smooth_motion", "static_moving")
+_MOVING: tuple[Candidate, ...] = ("ou", "smooth_motion", "static_moving", "static_smooth_motion")
 
 
 @dataclass(frozen=True)
@@ -404,12 +405,18 @@ class EstimationSection(Section):
         default=True, description="whether weak log-normal priors scaled to the survey take part"
     )
     candidates: Annotated[tuple[Candidate, ...], Field(strict=False, min_length=1)] = Field(
-        default=get_args(Candidate),
-        description="kernels among which the penalised objective chooses; ou, smooth_motion and static_moving "
-        "are for water that moves",
+        default=("squared_exponential", "long_short", *_MOVING),
+        description="kernels among which the penalised objective chooses; ou and those with motion or moving in "
+        "their names are for water that moves",
         json_schema_extra={"allowed": f"a list of some of {', '.join(get_args(Candidate))}"},
     )
-    maximum_points: int = Field(default=300, ge=20, le=1000, description="most points used in one fit")
+    maximum_points: int = Field(
+        default=300,
+        ge=20,
+        le=1000,
+        description="most points used in the fit of each candidate; that of the chosen one is refined on up to "
+        "twice as many",
+    )
     iterations: int = Field(default=100, ge=1, le=10_000, description="most iterations of the optimiser")
     learning_rate: Positive = Field(
         default=0.01, description="step of gradient_ascent; lbfgs does not use it"

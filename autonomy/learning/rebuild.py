@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from autonomy.config import EstimationSection
 from autonomy.learning.basis import select_basis
 from autonomy.learning.capacity import Budget, choose_capacity
-from autonomy.learning.choice import Choice, choose, readings_of
-from autonomy.learning.fitting import Fit, Method
+from autonomy.learning.choice import Choice, choose, readings_of, stilled, structure
+from autonomy.learning.fitting import Fit, Method, fit
 from autonomy.learning.history import HistoryCells
 from autonomy.learning.kernel import FloatArray, Kernel
 from autonomy.learning.likelihood import Readings
@@ -22,8 +22,8 @@ from autonomy.learning.sparse_gp import SparseOnlineGP
 _REBUILD_NOVELTY = 0.1
 # Below this, revisits of a lattice and standing still would join the basis again and again.
 _LEAST_NOVELTY = 1e-6
-# Cells this much of the shortest time-scale apart are told as if of one moment.
-_MOMENT = 2e-3
+# The chosen structure's parameters are worth more points than the choice.
+_REFINED = 2
 
 
 @dataclass(frozen=True)
@@ -121,18 +121,16 @@ class Reestimate:
 
 def reestimate(request: ReestimateRequest) -> Reestimate:
     """Choose a kernel, rebuild the model under it from the history. Pure, slow: for the worker."""
-    readings = _readings(request)
     options = request.options
-    choice = choose(
-        readings,
-        options.candidates,
-        request.span_m,
-        request.structure,
-        request.starts,
-        Method(
-            options.objective, options.optimiser, options.priors, options.iterations, options.learning_rate
-        ),
+    method = Method(
+        options.objective, options.optimiser, options.priors, options.iterations, options.learning_rate
     )
+    readings = _readings(request, options.maximum_points)
+    choice = choose(readings, options.candidates, request.span_m, request.structure, request.starts, method)
+    if not choice.fit.kept_start:
+        more = _readings(request, _REFINED * options.maximum_points)
+        if more.n > readings.n:
+            readings, choice = more, _refined(choice, more, request.span_m, method)
     kernel, prior_mean = choice.fit.kernel, choice.fit.prior_mean
     if choice.fit.kept_start:
         kernel, prior_mean = request.kernel, request.prior_mean
@@ -156,14 +154,10 @@ def replay(gp: SparseOnlineGP, cells: HistoryCells, time_s: float) -> None:
     if gp.kernel.is_static:
         gp.absorb(cells.points, cells.means, noise)
         return
-    moment_s = _MOMENT * min(group.time.timescale_s for group in gp.kernel.groups)
-    told_s = float(cells.times_s[0]) if len(cells) else time_s
-    for i, cell_s in enumerate(cells.times_s.tolist()):
-        if cell_s - told_s > moment_s:
-            gp.advance(cell_s - told_s)
-            told_s = cell_s
+    told_s = cells.times_s.tolist()
+    for i, (cell_s, following_s) in enumerate(zip(told_s, [*told_s[1:], time_s], strict=True)):
         gp.project(cells.points[i], float(cells.means[i]), float(noise[i]))
-    gp.advance(max(0.0, time_s - told_s))
+        gp.advance(max(0.0, following_s - cell_s))
 
 
 def _relevance(kernel: Kernel, ages_s: FloatArray) -> FloatArray:
@@ -181,12 +175,20 @@ def _relevance(kernel: Kernel, ages_s: FloatArray) -> FloatArray:
     )
 
 
-def _readings(request: ReestimateRequest) -> Readings:
-    """What the fits are made of: random cells of the history, or the basis vectors' own readings."""
+def _refined(choice: Choice, readings: Readings, span_m: float, method: Method) -> Choice:
+    """The winner fitted again, from where it is, to more readings than the choice was made with."""
+    name = choice.fit.structure
+    found = fit(readings, structure(name), span_m, choice.starts[name], method)
+    still = replace(found, kernel=stilled(found.kernel, readings.elapsed_s))
+    return replace(choice, fit=still, starts={**choice.starts, name: found.kernel})
+
+
+def _readings(request: ReestimateRequest, most: int) -> Readings:
+    """What a fit is made of: at most so many random cells of the history, or the basis vectors' own readings."""
     if request.options.data == "basis":
         # A biased sample, too spread out to tell the mean better than it was known; of no known times.
         scale = 1.0 / request.basis_counts
         return Readings.of(request.basis, request.basis_readings, scale, None, request.prior_mean)
     rng = np.random.default_rng(request.seed)
     mean = None if request.refresh_mean else request.prior_mean
-    return readings_of(request.cells, request.options.maximum_points, rng, mean)
+    return readings_of(request.cells, most, rng, mean)

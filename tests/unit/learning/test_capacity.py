@@ -10,7 +10,7 @@ from autonomy.learning.basis import select_basis
 from autonomy.learning.capacity import FEWEST, MOST, Budget, affordable, choose_capacity, state_bytes
 from autonomy.learning.kernel import Component, Hyperparameters, Kernel
 from autonomy.learning.spatial import SPATIAL, Matern32, SquaredExponential
-from autonomy.learning.structures import STRUCTURES
+from autonomy.learning.structures import DEFAULT_CANDIDATES, STRUCTURES
 from autonomy.learning.temporal import MaternMotion, OrnsteinUhlenbeck, Static
 
 AREA_M2 = 1e6
@@ -116,6 +116,7 @@ def test_a_budget_travels_by_pickle():
 
 def test_the_candidates_of_the_configuration_are_the_structures_there_are():
     assert get_args(Candidate) == tuple(STRUCTURES)
+    assert EstimationSection().candidates == DEFAULT_CANDIDATES
     for name, structure in STRUCTURES.items():
         told = EstimationSection.model_validate({"candidates": [name]})
         if structure.moves:

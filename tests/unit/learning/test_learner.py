@@ -134,7 +134,7 @@ def test_a_rebuild_is_nearly_as_good_as_the_exact_process_on_all_readings(factor
         learner = taught(Learner(SPAN, capacity=100, hyperparameters=wrong), x, y)
         result = reestimate(learner.reestimate_request(seed, OPTIONS))
         learner.adopt(result)
-        assert result.points == 300
+        assert result.points == 600
         rebuilt = rmse(learner.model().predict(grid()).mean, truth)
         assert rebuilt <= 1.10 * rmse(dense_mean(x, y, TRUE, 33.5), truth)
 
@@ -292,7 +292,7 @@ def test_a_re_estimate_is_a_function_of_its_request():
     request = taught(Learner(SPAN), x, y).reestimate_request(3, EstimationSection(maximum_points=50))
     one, two = reestimate(request), reestimate(request)
     assert one.kernel == two.kernel
-    assert one.points == 50
+    assert one.points == 100
     assert reestimate(replace(request, seed=4)).kernel != one.kernel
 
 
@@ -324,7 +324,7 @@ def test_every_way_to_estimate_improves_a_bad_start(objective, optimiser, data):
     result = reestimate(request)
     learner.adopt(result)
     assert rmse(learner.model().predict(grid()).mean, truth) < 0.7 * before
-    assert result.points == (100 if data == "basis" else min(300, len(request.cells)))
+    assert result.points == (100 if data == "basis" else min(600, len(request.cells)))
     assert learner.fresh_count == 0
 
 
