@@ -16,6 +16,11 @@ INCUMBENT_BONUS = 2.0
 # Beyond this many times the elapsed time a time-scale is as good as infinite, but would still let the model forget.
 _STILL_BEYOND = 20.0
 _NEGLIGIBLE_SHARE = 0.01
+# So many readings have to lie near one that was taken much earlier or later before anything is believed to
+# move: on a track that comes nowhere twice, motion explains a field that is rougher here than there just as well.
+_REVISITS = 20
+_NEAR_SPANS = 1.0 / 20.0
+_LATER = 0.25
 
 
 @dataclass(frozen=True)
@@ -56,15 +61,17 @@ def choose(
     """Fit each of the `candidates` (names) and take the one with the highest score less penalty.
 
     Each begins at its own kernel in `starts` if there is one (the last choice's `starts`); the `incumbent` gets a
-    bonus. Candidates that need more readings, or times, than there are, are passed over; if that leaves none, the
-    first is fitted. Motion that the readings do not ask for is taken out of the winner's kernel. Never raises for
-    degenerate readings; ValueError for unknown or no candidates.
+    bonus. Candidates that need more readings than there are, are passed over, and those that move while hardly
+    any place was visited twice; if that leaves none, the first is fitted. Motion that the readings do not ask for
+    is taken out of the winner's kernel. Never raises for degenerate readings; ValueError for unknown or no
+    candidates.
     """
     known = [structure(name) for name in candidates]
     if not known:
         raise ValueError(f"no candidates: give at least one of {', '.join(STRUCTURES)}")
     starts = dict(starts or {})
-    able = [s for s in known if _able(s, readings)] or known[:1]
+    seen_again = readings.revisits(_NEAR_SPANS * span_m, _LATER * readings.elapsed_s) >= _REVISITS
+    able = [s for s in known if readings.n >= s.minimum_points and (seen_again or not s.moves)] or known[:1]
     fits = {s.name: fit(readings, s, span_m, starts.get(s.name), method) for s in able}
     scores = {s.name: fits[s.name].score - s.penalty + INCUMBENT_BONUS * (s.name == incumbent) for s in able}
     winner = fits[max(scores, key=lambda name: scores[name])]
@@ -85,7 +92,3 @@ def stilled(kernel: Kernel, elapsed_s: float) -> Kernel:
         ),
         kernel.noise_variance,
     )
-
-
-def _able(candidate: Structure, readings: Readings) -> bool:
-    return readings.n >= candidate.minimum_points and not (candidate.moves and readings.elapsed_s <= 0)

@@ -115,6 +115,15 @@ class Readings:
         """Time between the first and the last; 0 without times."""
         return 0.0 if self.times_s is None or not self.n else float(np.ptp(self.times_s))
 
+    def revisits(self, distance_m: float, lag_s: float) -> int:
+        """How many readings have another one nearer than `distance_m` and more than `lag_s` earlier or later."""
+        pairs = self._pairs
+        if pairs.lags_s is None:
+            return 0
+        found = (sum(pairs.squares) < distance_m**2) & (pairs.lags_s > lag_s)
+        columns, rows = np.triu_indices(self.n)
+        return len(np.union1d(columns[found], rows[found]))
+
     def unfit(self) -> str:
         """Why these readings determine nothing; empty if they may."""
         if self.n < MINIMUM_POINTS:

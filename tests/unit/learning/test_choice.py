@@ -89,6 +89,26 @@ def test_without_times_nothing_moves():
     assert set(at_once.scores) == {"matern32"}
 
 
+def lawnmower(lanes, n):
+    """n places along lanes that cover the square once."""
+    along = np.linspace(0, lanes, n, endpoint=False)
+    lane = np.floor(along)
+    across = np.where(lane % 2 == 0, along - lane, 1 - along + lane)
+    return SPAN * np.column_stack([across, (lane + 0.5) / lanes])
+
+
+def test_on_a_track_that_comes_nowhere_twice_nothing_moves():
+    x, t = lawnmower(8, 200), 20.0 * np.arange(200)
+    # Quiet in the south, rough in the north: what is seen late has nothing in common with what was seen early.
+    y = np.where(x[:, 1] > 500, np.sin(x[:, 0] / 30) + np.sin(x[:, 1] / 40), 0.05 * np.sin(x[:, 0] / 30))
+    names = ["long_short", "ou", "smooth_motion", "static_moving"]
+    assert set(choose(Readings.of(x, y, None, t, "gls"), names, SPAN).scores) == {"long_short"}
+    twice = Readings.of(np.tile(x, (2, 1)), np.tile(y, 2), None, np.arange(400.0), "gls")
+    choice = choose(twice, names, SPAN)
+    assert set(choice.scores) == set(names)
+    assert choice.fit.kernel.is_static
+
+
 def test_motion_that_readings_do_not_ask_for_is_taken_out():
     slow = Component(1.0, SquaredExponential((100.0, 100.0)), OrnsteinUhlenbeck(21_000.0))
     assert stilled(Kernel((SMOOTH, slow), 0.1), 1000.0).is_static

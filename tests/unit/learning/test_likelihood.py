@@ -181,3 +181,13 @@ def test_bad_times_are_refused():
         loo_log_likelihood(np.zeros((3, 2)), np.zeros(3), H, None, [0.0, 1.0])
     with pytest.raises(ValueError, match=r"times_s.*finite"):
         loo_log_likelihood(np.zeros((3, 2)), np.zeros(3), H, None, [0.0, 1.0, math.inf])
+
+
+def test_revisits_are_readings_near_in_space_and_far_in_time():
+    x = np.array([[0.0, 0.0], [3.0, 4.0], [0.0, 1.0], [50.0, 0.0], [51.0, 0.0]])
+    visits = Readings.of(x, np.zeros(5), None, [0.0, 100.0, 1.0, 5.0, 6.0])
+    assert visits.revisits(6.0, 50.0) == 3
+    assert visits.revisits(4.5, 50.0) == 2
+    assert visits.revisits(6.0, 100.0) == 0
+    assert visits.revisits(6.0, 0.5) == 5
+    assert Readings.of(x, np.zeros(5)).revisits(6.0, 0.5) == 0
