@@ -161,9 +161,10 @@ class SparseOnlineGP:
             members.append(*birth)
             return Update.ADDED
         worst = int(state.scores(m + 1).argmin())
-        state.remove(worst)
         if worst == m:
+            state.give_spare_back()
             return Update.PROJECTED
+        state.remove(worst)
         members.replace(worst, *birth)
         self.replacements += 1
         return Update.REPLACED

@@ -19,7 +19,7 @@ from autonomy.learning.numbers import FloatArray
 # Readings that `absorb` takes in at once: enough for matrix products to pay.
 _BATCH = 128
 # What follows from the rest, and travels in no pickle.
-_DERIVED = ("_other", "_a", "_parts")
+_DERIVED = ("_other", "_a", "_parts", "_shares")
 
 
 class WhitenedState:
@@ -90,14 +90,23 @@ class WhitenedState:
 
     def take_spare(self, gammas: list[float], p: FloatArray) -> None:
         """Make the place of the last `whiten` the last basis vector; `p` (D + 1,) gets its covariances."""
+        self._shares.clear()
         for g, (part, gamma) in enumerate(zip(self._parts, gammas, strict=True)):
             share = arithmetic.unwhiten(self._factors[g], part)
             share *= share
             share *= 1.0 / gamma
             share[-1] = 1.0 / gamma
             self._precisions[g] += share
+            self._shares.append(share)
             arithmetic.take_spare(self._factors[g], part, gamma)
             p[(self._fields[g] + 1) * self._n - 1] = part[-1] = gamma**0.5
+
+    def give_spare_back(self) -> None:
+        """Marginalise out what `take_spare` has just made a basis vector."""
+        for precision, share in zip(self._precisions, self._shares, strict=True):
+            precision -= share
+            precision[-1] = 0.0
+        arithmetic.free_spare(self._matrix, self._factors)
 
     def scores(self, count: int) -> FloatArray:
         """How much the nowcast's mean at each of the first `count` basis vectors changes if it is deleted.
@@ -111,7 +120,7 @@ class WhitenedState:
         return np.abs(changes[0] if len(changes) == 1 else np.sum(changes, axis=0))
 
     def remove(self, index: int) -> None:
-        """Marginalise coordinate `index` of every block out; the last coordinate of every block is spare then."""
+        """Marginalise a basis vector out; the last coordinate of every block is spare then."""
         for factor, precision, variance in zip(self._factors, self._precisions, self._variances, strict=True):
             column = arithmetic.precision_column(factor, index)
             pivot = column[index]
@@ -121,9 +130,6 @@ class WhitenedState:
             np.maximum(precision, 1.0 / (variance * (1.0 + self._jitter)), out=precision)
             precision[index:-1] = precision[index + 1 :]
             precision[-1] = 0.0
-        if index == self._n - 1:
-            arithmetic.free_spare(self._matrix, self._factors)
-            return
         arithmetic.remove(self._matrix, self._other, self._factors, self._blocks, index)
         self._matrix, self._other = self._other, self._matrix
         self._removals += 1
@@ -206,4 +212,5 @@ class WhitenedState:
         """Memory to work in."""
         self._other = np.zeros_like(self._matrix, order="F")
         self._a = np.zeros(self._matrix.shape[1])
+        self._shares: list[FloatArray] = []
         self._parts = [self._a[field * self._n : (field + 1) * self._n] for field in self._fields]
