@@ -101,6 +101,7 @@ class QualityControl(Generic[T]):
         self._newest_s = self._usable_s = -math.inf
         self._before: Reading | None = None
         self._reference: Reading | None = None
+        self._before_gap: Reading | None = None
         self._consistent = 0
         self._warm = False
         self._tally = Tally()
@@ -139,12 +140,13 @@ class QualityControl(Generic[T]):
         if not set_back and time_s <= self._usable_s + self._gap_s:
             return []
         judged = self.flush()
-        self._before = self._reference = None
+        self._before_gap, self._reference = self._reference or self._before_gap, None
+        self._before = None
         self._warm, self._consistent = False, 0
         self._flat_line.interrupt()
         self._scale.interrupt()
         if set_back:
-            self._newest_s = -math.inf
+            self._newest_s, self._before_gap = -math.inf, None
             self._location.interrupt()
         return judged
 
@@ -187,7 +189,7 @@ class QualityControl(Generic[T]):
     def _judge(self) -> Judged[T]:
         """Judge the oldest reading that is held back."""
         if self._reference is None:
-            self._reference = self._typical()
+            self._reference = self._first_reference()
         after = self._next_usable()
         one = self._queue.popleft()
         spike = rate = Flag.MISSING if one.syntax is Flag.MISSING else Flag.NOT_EVALUATED
@@ -200,10 +202,19 @@ class QualityControl(Generic[T]):
         self._tally.add(flags)
         return Judged(one.reading, flags, one.subject)
 
-    def _typical(self) -> Reading | None:
-        """A reading with the median value of those held back, from which the first of a stream should not differ."""
+    def _first_reference(self) -> Reading | None:
+        """What the first readings are compared with: that of median value among them.
+
+        But if that can't be reached from the last good one before the gap, even along a steady gradient, it is that:
+        a probe may come back from a gap with nothing but bad readings.
+        """
         usable = sorted((one.reading for one in self._queue if one.usable), key=lambda reading: reading.value)
-        return usable[len(usable) // 2] if usable else None
+        if not usable:
+            return None
+        typical, before = usable[len(usable) // 2], self._before_gap
+        if before is not None and self._step(before, typical, growth=1.0) >= Flag.SUSPECT:
+            return before
+        return typical
 
     def _spike(self, reading: Reading, after: Reading | None) -> Flag:
         before, time_s = self._before, reading.model_time_s
@@ -231,15 +242,17 @@ class QualityControl(Generic[T]):
         self._consistent = self._consistent + 1 if odd else 0
         return Flag.GOOD if self._consistent >= CONSISTENT_READINGS else flag
 
-    def _step(self, start: Reading, end: Reading) -> Flag:
-        """The flag of the step from one reading to another."""
+    def _step(self, start: Reading, end: Reading, growth: float = 0.5) -> Flag:
+        """The flag of the step from one reading to another.
+
+        A scaled limit grows with a power of the time: by default that of a random walk.
+        """
         passed_s = abs(end.model_time_s - start.model_time_s) or 1.0
         noise, interval_s, section = self._scale.noise, self._scale.interval_s, self._section
         scaled = math.inf
         if noise is not None and interval_s is not None:
-            # What is left of a difference after a while grows as that of a random walk.
             scaled = max(STEP_NOISES * noise, STEP_SPREADS * self._scale.spread)
-            scaled *= math.sqrt(max(1.0, passed_s / interval_s))
+            scaled *= max(1.0, passed_s / interval_s) ** growth
         suspect = scaled / passed_s if section.rate_suspect_per_s is None else section.rate_suspect_per_s
         fail = FAIL_RATIO * scaled / passed_s if section.rate_fail_per_s is None else section.rate_fail_per_s
         if math.isinf(suspect) and math.isinf(fail):

@@ -322,8 +322,8 @@ class TestStream:
     def test_a_gap_is_counted_and_the_stream_begins_anew_after_it(self):
         stream = Stream()
         stream.add(*noisy(100))
-        assert stream.add(35.0, interval_s=61.0) == 1  # the one held back before the gap
-        stream.add(*(35.0 + 0.01 * np.sin(np.arange(50.0) * 7.0)))
+        assert stream.add(33.5, interval_s=61.0) == 1  # the one held back before the gap
+        stream.add(*(33.5 + 0.01 * np.sin(np.arange(50.0) * 7.0)))
         assert stream.finish().flags() == [GOOD] * 151
         assert stream.quality.counts["timing"] == (151, 0, 0, 0, 60)
         assert stream.flags(Check.SPIKE)[99:101] == [UNKNOWN, UNKNOWN]
@@ -334,6 +334,14 @@ class TestStream:
         stream.add(20.0, interval_s=61.0)
         stream.add(*noisy(50, seed=1))
         assert [k for k, flag in enumerate(stream.finish().flags()) if flag >= SUSPECT] == [100]
+
+    def test_a_probe_that_comes_back_from_a_gap_with_nothing_but_bad_readings_is_not_believed(self):
+        stream = Stream()
+        stream.add(*noisy(100), *[math.nan] * 15, *(0.01 * np.random.default_rng(4).standard_normal(20)))
+        stream.add(*noisy(100, seed=1))
+        flags = stream.finish().flags()
+        assert min(flags[100:135]) >= SUSPECT
+        assert flags[:100] + flags[135:] == [GOOD] * 200
 
     def test_when_the_probe_falls_silent_what_is_held_back_is_let_go(self):
         stream = Stream()
