@@ -3,8 +3,10 @@
 Every line is a field of variance 1 on a square of 10 km, or the simulator's coastal sea in units of its own standard
 deviation; a boat patrols it at random, reading every 50th of the side with noise of 0.1, and the learner is
 re-estimated when Algorithm 1 says so and at the latest every 400 readings. Errors are those of the nowcast over all
-water, root mean square over examinations. HALOCLINE_SEEDS: how many seas each line is averaged over; the geometric
-mean of the ratios counts.
+water, root mean square over examinations. HALOCLINE_SEEDS: how many seas each line is averaged over (one by default);
+the geometric mean of the ratios counts. From sea to sea the logarithms of the ratios scatter by .05 (to the true
+filter), .1 (coast) and .2 to .4 (to a learner that does not forget, whose errors depend on which way the water went);
+on the first sea, that of the short form, every ratio keeps clear of its bound by more than another rounding can make.
 """
 
 import math
@@ -13,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 from moving import CoastalSea, MovingTruth, OrnsteinUhlenbeckField, Patrol, Rotation, square
 from pupils import Driven, Filter, Marks, Pupil, Voyage
 
@@ -22,7 +25,9 @@ from autonomy.learning.learner import Learner
 from autonomy.learning.spatial import SquaredExponential
 from autonomy.learning.temporal import OrnsteinUhlenbeck
 
+LONG = "HALOCLINE_SEEDS" in os.environ
 SEEDS = int(os.environ.get("HALOCLINE_SEEDS", "1"))
+pytestmark = pytest.mark.timeout(7200 if LONG else 600)
 SPAN_M, SCALE_M, NOISE = 10_000.0, 2_000.0, 0.1
 SAMPLE_S = 10.0
 TAU = 2000 * SAMPLE_S
@@ -93,14 +98,6 @@ def told(line: str, lessons: list[Lesson]) -> None:
         print(f"{line}, seed {seed}: {figures}")
 
 
-def allowed(bound: float, scatter: float) -> float:
-    """`bound` for a mean over infinitely many seas, for the mean over these: two standard errors more.
-
-    `scatter`: standard deviation of the ratio's logarithm from sea to sea, as found in ten.
-    """
-    return bound * math.exp(2.0 * scatter / math.sqrt(SEEDS))
-
-
 def mean_ratio(lessons: list[Lesson], one: str, other: str) -> float:
     return math.exp(sum(math.log(each.ratio(one, other)) for each in lessons) / len(lessons))
 
@@ -123,8 +120,8 @@ def test_a_field_is_forgotten_at_its_own_pace() -> None:
         moving = [c for c in each.kernel("learner").components if not math.isinf(c.time.timescale_s)]
         # Of several parts they share one time-scale.
         assert {1000.0 <= c.time.timescale_s / SAMPLE_S <= 4000.0 for c in moving} == {True}
-    assert mean_ratio(lessons, "learner", "true") <= allowed(1.05, 0.03)
-    assert mean_ratio(lessons, "learner", "still") <= allowed(0.6, 0.05)
+    assert mean_ratio(lessons, "learner", "true") <= 1.05
+    assert mean_ratio(lessons, "learner", "still") <= 0.6
 
 
 def test_a_still_field_loses_next_to_nothing() -> None:
@@ -139,7 +136,7 @@ def test_a_still_field_loses_next_to_nothing() -> None:
         for seed in range(SEEDS)
     ]
     told("static", lessons)
-    assert mean_ratio(lessons, "learner", "still") <= allowed(1.06, 0.02)
+    assert mean_ratio(lessons, "learner", "still") <= 1.06
 
 
 def test_smooth_motion_is_followed() -> None:
@@ -155,12 +152,13 @@ def test_smooth_motion_is_followed() -> None:
         for seed in range(SEEDS)
     ]
     told("rotation", lessons)
-    assert mean_ratio(lessons, "learner", "still") <= allowed(0.45, 0.1)
+    assert mean_ratio(lessons, "learner", "still") <= 0.45
     assert np.mean([each.marks["learner"].nlpd for each in lessons]) < 0.0
 
 
 def test_what_is_locked_to_the_coast_is_told_from_what_drifts() -> None:
     """The simulator's moving sea, read by a boat that takes 390 s from reading to reading (0.8 m/s)."""
-    lessons = [on_the_coast(seed, 2500, 390.0, learner=ALL, single=OU) for seed in range(SEEDS)]
+    samples = 2500 if LONG else 1600
+    lessons = [on_the_coast(seed, samples, 390.0, learner=ALL, single=OU) for seed in range(SEEDS)]
     told("coast", lessons)
-    assert mean_ratio(lessons, "learner", "single") <= allowed(0.9, 0.06)
+    assert mean_ratio(lessons, "learner", "single") <= 0.9
