@@ -13,8 +13,11 @@ from dataclasses import dataclass
 
 from autonomy.quality.flags import Flag
 
-FEWEST_REPEATS = 10
-"""However seldom a stream repeats itself, fewer repeats in a row are no flat line; it takes twice as many to fail."""
+FEWEST_REPEATS = 4
+"""However seldom a stream repeats itself, fewer repeats in a row are no flat line; it takes twice as many to fail.
+
+Rounded to a tenth of its noise's standard deviation, a probe repeats itself four times once in a million readings.
+"""
 
 LONGEST_RATIO = 4.0
 

@@ -7,7 +7,7 @@ import numpy as np
 from autonomy.effects import Topic
 from sim.faults import Replaced, Spikes, Stuck
 
-SAILING_S = 3000.0
+SAILING_S = 1500.0
 
 
 def faults():

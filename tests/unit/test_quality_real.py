@@ -107,8 +107,8 @@ def replaced(value, length, period):
         (replaced(0.0, 20, 500), 1.0),
         (replaced(3.4e38, 2, 100), 1.0),
         (replaced(math.nan, 5, 100), 1.0),
-        (replaced(None, 60, 1000), 0.83),  # the first ten of a run pass
-        (replaced(None, 300, 2000), 0.96),
+        (replaced(None, 60, 1000), 0.93),  # the first four of a run pass
+        (replaced(None, 300, 2000), 0.98),
     ],
     ids=["spikes", "rows of spikes", "a zero", "zeros", "3.4e38", "NaN", "stuck", "stuck for long"],
 )
