@@ -8,6 +8,10 @@ import numpy as np
 from autonomy.learning.kernel import Group
 from autonomy.learning.numbers import FloatArray
 
+# Entries of one block copied at once: more would be fresh memory from the system every time, which costs more
+# than the work.
+_SCRATCH = 5_000
+
 
 def advance(state: FloatArray, groups: Sequence[Group], dt_s: float) -> None:
     """Let `dt_s` seconds pass in `state` (D + 1, D): S, and below it μ, in column order; in place.
@@ -27,24 +31,33 @@ def advance(state: FloatArray, groups: Sequence[Group], dt_s: float) -> None:
         states = group.time.states
         if not math.isinf(group.time.timescale_s):
             A = group.time.transition(dt_s)
-            blocks = [slice(first + i * n, first + (i + 1) * n) for i in range(states)]
-            _mix([state[:, block] for block in blocks], A)
-            _mix([state[block] for block in blocks], A)
+            _mix(state, slice(first, first + states * n), A)
             _add_noise(state, first, n, np.eye(states) - A @ A.T)
         first += states * n
 
 
-def _mix(blocks: list[FloatArray], A: FloatArray) -> None:
-    """block_i ← Σ_j A_ij block_j, in place."""
-    if len(blocks) == 1:
-        blocks[0] *= A[0, 0]
+def _mix(state: FloatArray, group: slice, A: FloatArray) -> None:
+    """Apply A to the blocks of one group, which lie one after the other: to their columns, then to their rows."""
+    if len(A) == 1:
+        state[:, group] *= A[0, 0]
+        state[group] *= A[0, 0]
         return
-    old = [block.copy(order="F") for block in blocks]
-    term = np.empty_like(old[0])
-    for block, row in zip(blocks, A, strict=True):
-        np.multiply(old[0], row[0], out=block)
-        for other, weight in zip(old[1:], row[1:], strict=True):
-            block += np.multiply(other, weight, out=term)
+    columns = state.T[group].reshape(len(A), -1)
+    for start in range(0, columns.shape[1], _SCRATCH):
+        part = columns[:, start : start + _SCRATCH]
+        part[...] = A @ part
+    n = (group.stop - group.start) // len(A)
+    width = max(1, _SCRATCH // n)
+    for start in range(0, state.shape[1], width):
+        blocks = [
+            state.T[start : start + width, group.start + i * n : group.start + (i + 1) * n]
+            for i in range(len(A))
+        ]
+        old = [block.copy() for block in blocks]
+        for block, row in zip(blocks, A.tolist(), strict=True):
+            np.multiply(old[0], row[0], out=block)
+            for other, weight in zip(old[1:], row[1:], strict=True):
+                block += weight * other
 
 
 def _add_noise(state: FloatArray, first: int, n: int, noise: FloatArray) -> None:
