@@ -84,10 +84,13 @@ def patrolled(seed, timescale_s):
     truth = OrnsteinUhlenbeckField(np.random.default_rng([seed, 0]), SPAN, 0.15 * SPAN, timescale_s)
     rng = np.random.default_rng([seed, 1])
     patrol, history = Patrol(rng, SPAN), History(SPAN)
-    for second in range(4000):
-        truth.advance(1.0)
-        place = patrol.step(0.01 * SPAN)
-        history.add(place, float(truth.value(place[None])[0]) + 0.1 * rng.normal(), float(second))
+    for begin in range(0, 4000, 10):
+        # Ten readings of one field: in ten seconds it changes by less than the noise.
+        places = np.array([patrol.step(0.01 * SPAN) for _ in range(10)])
+        values = truth.value(places) + 0.1 * rng.normal(size=10)
+        for i in range(10):
+            history.add(places[i], float(values[i]), float(begin + i))
+        truth.advance(10.0)
     return readings_of(history.cells(), 300, np.random.default_rng([seed, 2]))
 
 
