@@ -38,8 +38,10 @@ class Gate:
         self.gate = SampleGate(SURVEY, configuration)
         self.time_s = 0.0
 
-    def take(self, x, y, value=33.0, *, started=True, speed_mps=2.0, ekf_ok=True):
+    def take(self, x, y, value=None, *, started=True, speed_mps=2.0, ekf_ok=True):
         self.time_s += 1.0
+        if value is None:
+            value = 33.0 + 0.01 * math.sin(7.0 * self.time_s)  # a probe that stays the same is stuck
         lat_deg, lon_deg = map(float, FRAME.to_geodetic((x, y)))
         observation = Observation(self.time_s, lat_deg, lon_deg, value)
         vehicle = VehicleState(
