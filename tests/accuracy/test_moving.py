@@ -145,7 +145,7 @@ def test_smooth_motion_is_followed() -> None:
         lesson(
             seed,
             lambda rng: Rotation(rng, SPAN_M, SCALE_M, 20_000 * SAMPLE_S),
-            samples=4000,
+            samples=4000 if LONG else 2500,
             learner=ALL,
             still=STATIC,
         )
