@@ -245,6 +245,13 @@ class _Pairs:
         self.squares = [(x[rows, axis] - x[columns, axis]) ** 2 for axis in range(x.shape[1])]
         self.lags_s = None if times_s is None else np.abs(times_s[rows] - times_s[columns])
         self.diagonal = np.cumsum([0, *range(n, 1, -1)]) if n else np.zeros(0, dtype=np.intp)
+        self._work: list[FloatArray] = []
+
+    def work(self, count: int) -> list[FloatArray]:
+        """`count` arrays of one number a pair, always the same: fresh memory costs more than the sums."""
+        while len(self._work) < count:
+            self._work.append(np.empty_like(self.squares[0]))
+        return self._work[:count]
 
 
 class _Covariance:
@@ -256,18 +263,22 @@ class _Covariance:
         self._squared: list[FloatArray] = []
         self._parts: list[FloatArray] = []
         self._moving: dict[TemporalKernel, FloatArray] = {}
-        for component in kernel.components:
-            squared = _scaled(pairs.squares, component.space.lengthscales_m)
-            part = component.space.correlation(squared.copy())
+        *work, spare = pairs.work(2 * len(kernel.components) + 1)
+        for component, squared, part in zip(kernel.components, work[::2], work[1::2], strict=True):
+            _scaled(pairs.squares, component.space.lengthscales_m, squared, spare)
+            np.copyto(part, squared)
+            part = component.space.correlation(part)
             part *= component.variance
             motion = self._motion(component.time)
             if motion is not None:
                 part *= motion
             self._squared.append(squared)
             self._parts.append(part)
-        self.packed = self._parts[0]
-        for part in self._parts[1:]:
-            self.packed = self.packed + part
+        self.packed = (
+            self._parts[0] if len(self._parts) == 1 else np.add(self._parts[0], self._parts[1], out=spare)
+        )
+        for part in self._parts[2:]:
+            self.packed += part
 
     def _motion(self, time: TemporalKernel) -> FloatArray | None:
         """κ of the lags; None if it is one everywhere. Components that move alike share it."""
@@ -301,11 +312,14 @@ class _Covariance:
         return result
 
 
-def _scaled(squares: list[FloatArray], lengthscales_m: tuple[float, ...]) -> FloatArray:
-    total = squares[0] * lengthscales_m[0] ** -2
+def _scaled(
+    squares: list[FloatArray], lengthscales_m: tuple[float, ...], out: FloatArray, spare: FloatArray
+) -> None:
+    """s = Σ (d_i/l_i)² of all pairs, into `out`."""
+    np.multiply(squares[0], lengthscales_m[0] ** -2, out=out)
     for square, lengthscale in zip(squares[1:], lengthscales_m[1:], strict=True):
-        total += square * lengthscale**-2
-    return total
+        np.multiply(square, lengthscale**-2, out=spare)
+        out += spare
 
 
 def _kernel(kernel: Kernel | Hyperparameters) -> Kernel:
