@@ -1,8 +1,8 @@
 """How many basis vectors a field wants, and how many a machine can carry.
 
-A basis has to resolve the shortest length-scale of its kernel. A smooth kernel wants about two basis vectors
-per patch of lx·ly; a Matérn-3/2 kernel, whose samples are rough at every scale, gains up to three to four
-times as many. More cost time and memory and bring nothing.
+A basis has to resolve the shortest length-scale of its kernel. A smooth kernel wants three basis vectors per
+patch of lx·ly: with two it replaces some for ever, and after 20 000 readings its error was up to twice as large.
+A Matérn-3/2 kernel, whose samples are rough at every scale, gains up to seven. More bring nothing.
 
 The state of the filter has D = m · states coordinates. It holds `_STATE_COPIES` matrices of 8·D² bytes (S
 and what a replacement works in) and, for each group of components that move alike, `_FACTOR_COPIES` of
@@ -24,7 +24,7 @@ MOST = LARGEST_CAPACITY
 
 FIXED_US, US_PER_ENTRY = 80.0, 0.01
 
-_PER_PATCH = {"squared_exponential": 2.0, "matern32": 7.0}
+_PER_PATCH = {"squared_exponential": 3.0, "matern32": 7.0}
 _STATE_COPIES, _FACTOR_COPIES = 4, 5
 
 

@@ -24,22 +24,22 @@ def kernel(space=SquaredExponential, scale=150.0, times=STILL):
     return Kernel(tuple(Component(1.0, space((scale, scale)), time) for time in times), 0.01)
 
 
-def test_it_is_two_basis_vectors_a_patch_for_a_smooth_kernel():
-    assert choose_capacity(kernel(scale=100.0), AREA_M2, AMPLE) == 200
-    anisotropic = Hyperparameters(1.0, 0.1, (50.0, 200.0)).kernel
-    assert choose_capacity(anisotropic, AREA_M2, AMPLE) == 200
+def test_it_is_three_basis_vectors_a_patch_for_a_smooth_kernel():
+    assert choose_capacity(kernel(scale=120.0), AREA_M2, AMPLE) == 209
+    anisotropic = Hyperparameters(1.0, 0.1, (60.0, 240.0)).kernel
+    assert choose_capacity(anisotropic, AREA_M2, AMPLE) == 209
 
 
 def test_the_most_demanding_component_decides():
     long = Component(1.0, SquaredExponential((500.0, 500.0)))
-    short = Component(0.1, SquaredExponential((100.0, 100.0)), OrnsteinUhlenbeck(100.0))
+    short = Component(0.1, SquaredExponential((120.0, 120.0)), OrnsteinUhlenbeck(100.0))
     for components in ((long, short), (short, long)):
-        assert choose_capacity(Kernel(components, 0.01), AREA_M2, AMPLE) == 200
+        assert choose_capacity(Kernel(components, 0.01), AREA_M2, AMPLE) == 209
 
 
 def test_a_rough_kernel_wants_two_to_three_hundred_where_a_smooth_one_wants_a_hundred():
-    scale = math.sqrt(2.0 * AREA_M2 / 80.0)
-    assert choose_capacity(kernel(scale=scale), AREA_M2, AMPLE) == pytest.approx(80, abs=1)
+    scale = math.sqrt(3.0 * AREA_M2 / 100.0)
+    assert choose_capacity(kernel(scale=scale), AREA_M2, AMPLE) == pytest.approx(100, abs=1)
     assert 200 <= choose_capacity(kernel(Matern32, scale), AREA_M2, AMPLE) <= 300
 
 

@@ -107,10 +107,10 @@ def test_no_novelty_is_left_out_that_noise_does_not_hide(noise, expected):
 
 
 def test_a_capacity_that_is_set_is_kept_and_one_that_is_not_follows_the_kernel():
-    short = Hyperparameters(1.0, 0.01, (100.0, 100.0)).kernel
+    short = Hyperparameters(1.0, 0.01, (120.0, 120.0)).kernel
     long = Hyperparameters(1.0, 0.01, (400.0, 400.0)).kernel
     free = replace(BUILD, capacity=None)
-    assert [free.capacity_for(k) for k in (short, long)] == [200, 50]
+    assert [free.capacity_for(k) for k in (short, long)] == [209, 50]
     assert [BUILD.capacity_for(k) for k in (short, long)] == [200, 200]
     assert free.capacity_for(short) == choose_capacity(short, SPAN**2, Budget())
     assert replace(free, most=120).capacity_for(short) == 120
