@@ -52,8 +52,8 @@ __all__ = [
 VERSION = 2
 MAXIMUM_BYTES = 16 * 2**20
 
-# Every tag that cbor2 would turn into an object of its own: dates, regular expressions, shared references …
-_OBJECT_TAGS = (*range(6), 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000, 55799)
+OBJECT_TAGS = (*range(6), 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000, 55799)
+"""Every tag that cbor2 would turn into an object of its own: dates, regular expressions, shared references …"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,7 +309,7 @@ def _refuse(_decoder: Any, *_rest: Any) -> Any:
     raise ValueError("this tag has no place here")
 
 
-_SEMANTIC_DECODERS = dict.fromkeys(_OBJECT_TAGS, _refuse)
+_SEMANTIC_DECODERS = dict.fromkeys(OBJECT_TAGS, _refuse)
 
 
 def _parse(topic: Topic, payload: bytes) -> dict[str, Any]:

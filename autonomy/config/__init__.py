@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from autonomy.config.file import Document, KeyPath, read_document
 from autonomy.config.overlay import apply_environment, apply_overrides
 from autonomy.config.problems import ConfigurationError, Origin, Problem, Source
-from autonomy.config.reference import holds_file, section_of
+from autonomy.config.reference import holds_file, holds_folder, section_of
 from autonomy.config.translate import translate
 from autonomy.config.tree import (
     LARGEST_CAPACITY,
@@ -21,6 +21,7 @@ from autonomy.config.tree import (
     EstimationSection,
     ExplorationSection,
     HyperparametersSection,
+    JournalSection,
     LoggingSection,
     MavlinkSection,
     ModelSection,
@@ -43,6 +44,7 @@ __all__ = [
     "EstimationSection",
     "ExplorationSection",
     "HyperparametersSection",
+    "JournalSection",
     "Loaded",
     "LoggingSection",
     "MavlinkSection",
@@ -140,7 +142,7 @@ def _resolve_files(document: Document) -> Iterator[Problem]:
             origin = document.origins[section_name, name]
             file = (base if origin.source is Source.FILE else Path.cwd()) / values[name]
             values[name] = str(file)
-            if not _is_readable_file(file):
+            if not holds_folder(field) and not _is_readable_file(file):
                 yield Problem(origin, f"{section_name}.{name}", f"no readable file {str(file)!a}", _GEOJSON)
 
 

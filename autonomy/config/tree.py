@@ -17,6 +17,7 @@ from autonomy.config.types import (
     Endpoint,
     FilePath,
     Finite,
+    FolderPath,
     LatticeSide,
     Limit,
     Locator,
@@ -501,6 +502,48 @@ class ShoreSection(Section):
     health_period_s: Positive = Field(default=1.0, description="time between two reports of health")
 
 
+class JournalSection(Section):
+    """The recording of a run: everything that happened, for restarts and replay, and the MAVLink stream."""
+
+    enabled: bool = Field(default=True, description="whether runs are recorded")
+    directory: FolderPath | None = Field(
+        default=None,
+        description="where to; null: journal in systemd's state directory, or else in "
+        "~/.local/state/halocline/NAME, with vehicle.name for NAME",
+        json_schema_extra={"allowed": "the name of a folder, made if need be, or null"},
+    )
+    file_mb: float = Field(
+        default=32.0,
+        ge=0.1,
+        le=1000,
+        allow_inf_nan=False,
+        description="size at which a new file is begun",
+        json_schema_extra={"unit": "MB"},
+    )
+    file_age_s: Positive = Field(default=86400.0, description="age at which a new file is begun")
+    total_mb: float = Field(
+        default=4000.0,
+        ge=1,
+        le=1_000_000,
+        allow_inf_nan=False,
+        description="size of all files together above which the oldest are removed",
+        json_schema_extra={"unit": "MB"},
+    )
+    sync_s: float = Field(
+        default=1.0,
+        ge=0,
+        le=1,
+        allow_inf_nan=False,
+        description="longest time until what has happened is safe from a power cut",
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """The newest file must not push itself out."""
+        if self.total_mb < 2 * self.file_mb:
+            what = f"must be at least twice journal.file_mb ({self.file_mb:g}) (got {self.total_mb:g})"
+            yield Conflict(("total_mb", "file_mb"), what, "journal.total_mb >= 2 * journal.file_mb")
+
+
 class LoggingSection(Section):
     """What goes into the log."""
 
@@ -523,6 +566,7 @@ class Configuration(Section):
     exploration: ExplorationSection = ExplorationSection()
     planning: PlanningSection = PlanningSection()
     shore: ShoreSection = ShoreSection()
+    journal: JournalSection = JournalSection()
     logging: LoggingSection = LoggingSection()
     seed: int = Field(
         default=0, ge=0, description="seed of every random choice; runs with equal inputs are equal"

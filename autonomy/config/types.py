@@ -15,6 +15,8 @@ ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEV
 LOCATOR_FORMS = "PROTOCOL/HOST:PORT with protocol tcp, udp, tls, quic or ws"
 LIMIT_FORMS = "a number above 0, .inf for no limit, or null"
 AREA_FORMS = "at least 3 [latitude, longitude] pairs in order round the area, or a file of GeoJSON polygons"
+FOLDER = "folder"
+"""Marks the name of a folder, which need not be there yet."""
 _MAXIMUM_SPAN_DEG = 20.0
 
 
@@ -84,6 +86,7 @@ Bound = Annotated[float, AfterValidator(_not_nan)]
 Limit = Annotated[float, Field(gt=0)]
 # The tree is strict (no text for numbers, no 1 for true), but YAML has neither tuples nor paths.
 FilePath = Annotated[Path, Field(strict=False)]
+FolderPath = Annotated[Path, Field(strict=False), FOLDER]
 Corner = Annotated[tuple[Latitude, Longitude], Field(strict=False)]
 Corners = Annotated[list[Corner], Field(strict=False), AfterValidator(_simple_polygon)]
 Locator = Annotated[str, AfterValidator(_locator)]
