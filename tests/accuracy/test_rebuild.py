@@ -201,11 +201,7 @@ def test_water_that_forgets():
 
 
 def test_a_long_run_is_as_good_as_a_fresh_rebuild():
-    """100 000 samples with re-estimates along the way: no drift, no repair, and no map made anew is better.
-
-    Two bases never agree in the corners that the track leaves out, so 1 % is of the field's standard deviation:
-    the map's own error is two of them by then.
-    """
+    """100 000 samples with re-estimates along the way: no repair, and a map made anew is not 1 % better."""
     rng = np.random.default_rng(0)
     stream = Stream(Still(rng), rng)
     learner = Learner(SPAN_M)
@@ -223,4 +219,4 @@ def test_a_long_run_is_as_good_as_a_fresh_rebuild():
     print(f"RMSE streamed {streamed:.4f}, made anew {rebuilt:.4f}; repairs {learner.repairs}")
     assert learner.repairs == 0
     assert gp.check() is None
-    assert streamed <= rebuilt + 0.01
+    assert streamed <= 1.01 * rebuilt
