@@ -6,34 +6,44 @@ coordinate of a block is spare: it belongs to no basis vector, has its prior N(0
 others, and waits for the next one. Factors L_g (n, n) are lower triangular, in column order, and end in the
 row (0 … 0, 1) of the spare coordinate. So a replacement needs no fresh memory.
 
-`whiten`, `condition` and `remove` are compiled ones if a compiler was there when the package was installed, and
-else those of `plain`; `COMPILED` tells which.
+What `plain` has is taken from `_compiled` if a compiler was there when the package was installed; `COMPILED` tells.
+`covariances` is compiled or None: `members` can do without.
 """
 
 import math
 
 import numpy as np
-from scipy.linalg.blas import ddot, dgemv, dtrsv
+from scipy.linalg.blas import ddot, dgemv
 from scipy.linalg.lapack import dtrtri
 
 from autonomy.learning import plain
 from autonomy.learning.numbers import FloatArray
 from autonomy.learning.plain import free_spare
+from autonomy.learning.spatial import Matern32, SquaredExponential
 
 try:
     from autonomy.learning import _compiled
 except ImportError:
     COMPILED = False
-    whiten, condition, remove = plain.whiten, plain.condition, plain.remove
+    whiten, unwhiten, condition = plain.whiten, plain.unwhiten, plain.condition
+    drop_precision, remove = plain.drop_precision, plain.remove
+    covariances = None
 else:
     COMPILED = True
-    whiten, condition, remove = _compiled.whiten, _compiled.condition, _compiled.remove
+    whiten, unwhiten, condition = _compiled.whiten, _compiled.unwhiten, _compiled.condition
+    drop_precision, remove = _compiled.drop_precision, _compiled.remove
+    covariances = _compiled.covariances
+
+KINDS = {SquaredExponential.name: 0.0, Matern32.name: 1.0}
+"""How a recipe of the compiled `covariances` names a spatial kernel."""
 
 __all__ = [
     "COMPILED",
+    "KINDS",
     "condition",
+    "covariances",
+    "drop_precision",
     "free_spare",
-    "precision_column",
     "precision_diagonal",
     "product",
     "remove",
@@ -60,21 +70,6 @@ def take_spare(factor: FloatArray, a: FloatArray, gamma: float) -> None:
     last = len(a) - 1
     factor[last] = a
     factor[last, last] = math.sqrt(gamma)
-
-
-def unwhiten(factor: FloatArray, a: FloatArray) -> FloatArray:
-    """L⁻ᵀa, shape (n,)."""
-    result: FloatArray = dtrsv(factor, a, lower=1, trans=1)
-    return result
-
-
-def precision_column(factor: FloatArray, index: int) -> FloatArray:
-    """Column `index` (n,) of (L Lᵀ)⁻¹."""
-    unit = np.zeros(len(factor))
-    unit[index] = 1.0
-    dtrsv(factor, unit, lower=1, overwrite_x=1)
-    dtrsv(factor, unit, lower=1, trans=1, overwrite_x=1)
-    return unit
 
 
 def precision_diagonal(factor: FloatArray) -> FloatArray:

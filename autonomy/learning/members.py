@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from autonomy.learning import arithmetic
 from autonomy.learning.kernel import Group
 from autonomy.learning.numbers import FloatArray
 
@@ -22,6 +23,7 @@ class Members:
             tuple((component.space, component.variance) for component in group.components) for group in groups
         )
         scales = [component.space.lengthscales_m for group in groups for component in group.components]
+        self._recipe = _recipe(groups)
         self._inverse = 1.0 / np.array(scales).ravel()
         self._axes = np.tile(np.arange(dimensions), len(scales))
         self._table = np.zeros((dimensions + 3 + len(self._inverse), 0))
@@ -69,10 +71,14 @@ class Members:
 
     def covariances(self, point: FloatArray, parts: list[FloatArray]) -> None:
         """k_g(B, x) of each group into the first m entries of its own of `parts`, for one `point` (d,)."""
-        m = self._table.shape[1]
-        coordinates = iter(
-            zip(self._table[self._dimensions + 3 :], self._scaled(point).tolist(), strict=True)
-        )
+        m, first = self._table.shape[1], self._dimensions + 3
+        here = self._scaled(point)
+        if arithmetic.covariances is not None and self._recipe is not None:
+            for part in parts:
+                part[:m] = 0.0
+            arithmetic.covariances(self._table, first, here, self._recipe, parts)
+            return
+        coordinates = iter(zip(self._table[first:], here.tolist(), strict=True))
         for part, components in zip(parts, self._groups, strict=True):
             out = part[:m]
             for i, (space, variance) in enumerate(components):
@@ -98,3 +104,14 @@ class Members:
 
     def _column(self, point: FloatArray, reading: float, count: float, birth: int) -> FloatArray:
         return np.concatenate((point, (reading, count, birth), self._scaled(point)))
+
+
+def _recipe(groups: tuple[Group, ...]) -> FloatArray | None:
+    """What the compiled covariances need to know of the components; None if they don't know one of the kernels."""
+    columns = [
+        (g, arithmetic.KINDS.get(component.space.name, np.nan), component.variance)
+        for g, group in enumerate(groups)
+        for component in group.components
+    ]
+    recipe = np.array(columns, order="C").T
+    return None if np.isnan(recipe).any() else recipe

@@ -1,4 +1,4 @@
-"""The three functions that every reading pays for, with scipy; _compiled.c does the same with fewer calls.
+"""The functions that every reading pays for, with numpy and scipy; _compiled.c does the same with fewer calls.
 
 The layout of states and factors: see `arithmetic`.
 """
@@ -21,6 +21,11 @@ def whiten(factor: FloatArray, k: FloatArray) -> None:
     dtrsv(factor, k, lower=1, overwrite_x=1)
 
 
+def unwhiten(factor: FloatArray, a: FloatArray) -> None:
+    """a ← L⁻ᵀa, in place; `a` (n,) contiguous."""
+    dtrsv(factor, a, lower=1, trans=1, overwrite_x=1)
+
+
 def condition(state: FloatArray, p: FloatArray, innovation: float, variance: float) -> None:
     """Condition on a reading whose `innovation` has this `variance`, in place.
 
@@ -30,6 +35,21 @@ def condition(state: FloatArray, p: FloatArray, innovation: float, variance: flo
     p[-1] = -innovation / math.sqrt(variance)
     # The same vector twice keeps S symmetric to the last bit.
     dger(-1.0, p, p[:-1], a=state, overwrite_x=0, overwrite_y=0, overwrite_a=1)
+
+
+def drop_precision(factor: FloatArray, precision: FloatArray, index: int, least: float) -> None:
+    """Take basis vector `index` out of `precision` (n,) = diag (L Lᵀ)⁻¹, in place; the last entry becomes 0.
+
+    With c its column of the inverse, the others lose c²/c_index. None falls below `least`, whatever rounding does.
+    """
+    column = np.zeros(len(factor))
+    column[index] = 1.0
+    whiten(factor, column)
+    unwhiten(factor, column)
+    precision -= column**2 / column[index]
+    np.maximum(precision, least, out=precision)
+    precision[index:-1] = precision[index + 1 :]
+    precision[-1] = 0.0
 
 
 def remove(

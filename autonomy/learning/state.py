@@ -92,7 +92,8 @@ class WhitenedState:
         """Make the place of the last `whiten` the last basis vector; `p` (D + 1,) gets its covariances."""
         self._shares.clear()
         for g, (part, gamma) in enumerate(zip(self._parts, gammas, strict=True)):
-            share = arithmetic.unwhiten(self._factors[g], part)
+            share = part.copy()
+            arithmetic.unwhiten(self._factors[g], share)
             share *= share
             share *= 1.0 / gamma
             share[-1] = 1.0 / gamma
@@ -115,21 +116,15 @@ class WhitenedState:
         """
         changes = []
         for factor, precision, field in zip(self._factors, self._precisions, self._fields, strict=True):
-            alpha = arithmetic.unwhiten(factor, self._matrix[-1, field * self._n : (field + 1) * self._n])
+            alpha = self._matrix[-1, field * self._n : (field + 1) * self._n].copy()
+            arithmetic.unwhiten(factor, alpha)
             changes.append(alpha[:count] / precision[:count])
         return np.abs(changes[0] if len(changes) == 1 else np.sum(changes, axis=0))
 
     def remove(self, index: int) -> None:
         """Marginalise a basis vector out; the last coordinate of every block is spare then."""
         for factor, precision, variance in zip(self._factors, self._precisions, self._variances, strict=True):
-            column = arithmetic.precision_column(factor, index)
-            pivot = column[index]
-            column *= column
-            column *= 1.0 / pivot
-            precision -= column
-            np.maximum(precision, 1.0 / (variance * (1.0 + self._jitter)), out=precision)
-            precision[index:-1] = precision[index + 1 :]
-            precision[-1] = 0.0
+            arithmetic.drop_precision(factor, precision, index, 1.0 / (variance * (1.0 + self._jitter)))
         arithmetic.remove(self._matrix, self._other, self._factors, self._blocks, index)
         self._matrix, self._other = self._other, self._matrix
         self._removals += 1
