@@ -25,6 +25,7 @@ from autonomy.learning.learner import Learner
 from autonomy.learning.transform import transform_of
 from autonomy.mavlink.authority import Command, OnBoard
 from autonomy.mavlink.telemetry import Observation
+from autonomy.memory import Memory, UnfitMemoryError, capture, restore
 from autonomy.planning.passage import Unreachable, passage_of
 from autonomy.planning.plan import Plan
 from autonomy.planning.planners import PlanRequest
@@ -43,6 +44,9 @@ LEG_ALARM_S = 30.0
 
 SILENT_SENSOR_S = 30.0
 """A survey without readings for this long is told to be one."""
+
+STALE_PLAN_S = 60.0
+"""A plan that waited this long for a service that was away is made anew from where the vessel is."""
 
 UPLOAD_S = 0.3
 """Protocol time from a finished plan to the vessel following it, on a good link."""
@@ -91,6 +95,7 @@ class Core:
         self._may_upload = False
         self._stopping = False
         self._now = 0.0
+        self._ahead_s = 0.0
         self._leg_watch_due = 0.0
         self._explained: set[str] = set()
         self._heard_reading = -math.inf
@@ -98,6 +103,7 @@ class Core:
 
     def handle(self, now: float, event: Event) -> list[Effect]:
         """Take in one event at protocol time `now`; returns what the shell shall do, in order."""
+        now += self._ahead_s
         news = True
         self._now = now
         match event:
@@ -126,8 +132,42 @@ class Core:
         if self._stopping:
             return math.inf
         if self._learner.behind:
-            return self._now
-        return min(self._helm.next_deadline(), self._reporter.next_deadline())
+            return self._now - self._ahead_s
+        return min(self._helm.next_deadline(), self._reporter.next_deadline()) - self._ahead_s
+
+    def checkpoint(self) -> Memory:
+        """All that is known, to be called between two events: cheap, and safe to encode in another thread."""
+        return capture(self)
+
+    def restore(self, memory: Memory) -> None:
+        """Become the core that gave this `checkpoint`, at its time; for a new core only.
+
+        Whatever this one was made with (configuration, survey) stays. Raises UnfitMemoryError: throw this one away.
+        """
+        restore(memory, self)
+        fault = self._learner.gp.check() if self._learner.born else None
+        if fault is not None:
+            raise UnfitMemoryError(f"the model is broken: {fault}")
+
+    def resume(self, now: float, away_s: float) -> None:
+        """Go on, in another process perhaps, after `away_s` seconds without events; protocol time is `now`.
+
+        Nothing that was under way is taken up blindly: the vehicle counts as silent until its heartbeat is heard, the
+        mission on board as unknown until it is read, a job as failed. The vehicle's clock may go on or have started
+        again, which `ModelClock` tells.
+        """
+        self._now += max(0.0, away_s)
+        self._ahead_s = self._now - now
+        self._stopping = False
+        self._effects.clear()
+        if self._job is not None:
+            self._job = None
+            self._learner.withdraw_request()
+        if self._helm.resume() and away_s > STALE_PLAN_S:
+            reason = "the plan that was on its way when the service ended is stale"
+            self._owed = self._owed or Decision(Trigger.RESUMED, False, reason)
+            self._helm.dispatch.drop_waiting()
+        self._reporter.resume(away_s)
 
     # What comes in --------------------------------------------------------------------------------------------
 

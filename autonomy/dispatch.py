@@ -109,6 +109,10 @@ class MissionDispatch:
         self._waiting, self._looked = dispatched, False
         self._failures = 0
 
+    def drop_waiting(self) -> None:
+        """A plan that waits is not wanted any more."""
+        self._waiting = None
+
     def forget(self) -> None:
         """The link was gone: what is on board must be read again; a transfer under way is void and starts anew."""
         self._not_before, self._unread_failures = 0.0, 0

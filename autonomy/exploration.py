@@ -20,6 +20,7 @@ class Trigger(Enum):
     PATH_FINISHED = "path finished"
     OUTGROWN = "the readings have outgrown the model"
     MAXIMUM_INTERVAL = "maximum interval passed"
+    RESUMED = "the service was away"
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ class Helm:
         self._streams: StreamRequests | None = None
         self._heartbeat_due = 0.0
         self._conversing = False
+        self._heartbeats_before = 0
         self._progress = Progress()
         self._words = AutopilotWords()
 
@@ -68,7 +69,8 @@ class Helm:
 
     def is_heard(self, now: float) -> bool:
         """Whether the autopilot is known and not silent."""
-        return self.state is not None and not self.telemetry.lost(now)
+        heard = self.state is not None and self.state.heartbeats > self._heartbeats_before
+        return heard and not self.telemetry.lost(now)
 
     @property
     def position_m(self) -> FloatArray | None:
@@ -134,6 +136,16 @@ class Helm:
         """The transport opened or closed, or the vehicle started again: what was under way is void."""
         self.dispatch.forget()
         self._streams = None
+
+    def resume(self) -> bool:
+        """The service was away: what is remembered of the vehicle's mode and mission may be wrong by now.
+
+        Returns whether a plan waits to be brought on board.
+        """
+        self._heartbeats_before = 0 if self.state is None else self.state.heartbeats
+        self._heartbeat_due, self._conversing = 0.0, False
+        self.link_changed()
+        return self.dispatch.busy
 
     def handle(self, now: float, message: Any) -> Heard:
         """Take in one message."""

@@ -1,5 +1,6 @@
 """What the core tells people ashore: model, plan, observations, health and log, each when it is due."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -80,6 +81,12 @@ class Reporter:
     def next_deadline(self) -> float:
         """When `step` must be called at the latest."""
         return min(self._model_schedule.due, self._health_schedule.due)
+
+    def resume(self, away_s: float) -> None:
+        """The service was away for so long, or is no more sure what it said since: numbers are not used twice."""
+        self._effects.clear()
+        self._model_schedule.due = self._health_schedule.due = 0.0
+        self._sequence += math.ceil(away_s / self._model_schedule.period_s) + 1
 
     def observed(self, observation: Observation, flags: Flags) -> None:
         """A reading that teaches the model, or that would if its quality were better."""
