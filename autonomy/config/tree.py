@@ -446,7 +446,7 @@ class ExplorationSection(Section):
         description="share of basis vectors added since the last re-estimate, or replacements over capacity",
     )
     minimum_basis: int = Field(
-        default=30,
+        default=20,
         ge=1,
         le=1000,
         description="rho counts only from this many basis vectors on, the interval from as many of them "

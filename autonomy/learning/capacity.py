@@ -25,6 +25,8 @@ MOST = LARGEST_CAPACITY
 FIXED_US, US_PER_ENTRY = 80.0, 0.01
 
 _PER_PATCH = {"squared_exponential": 3.0, "matern32": 7.0}
+# However long the length-scale of a rough kernel, its basis has to follow the track.
+_AT_LEAST = {"squared_exponential": 50.0, "matern32": 200.0}
 _STATE_COPIES, _FACTOR_COPIES = 4, 5
 
 
@@ -51,7 +53,10 @@ def choose_capacity(kernel: Kernel, area_m2: float, budget: Budget, most: int = 
     if not (math.isfinite(area_m2) and area_m2 > 0):
         raise ValueError(f"area_m2 must be positive and finite, not {area_m2!r}")
     wanted = max(
-        _PER_PATCH[component.space.name] * area_m2 / math.prod(component.space.lengthscales_m)
+        max(
+            _AT_LEAST[component.space.name],
+            _PER_PATCH[component.space.name] * area_m2 / math.prod(component.space.lengthscales_m),
+        )
         for component in kernel.components
     )
     allowed = min(affordable(kernel, budget), most)

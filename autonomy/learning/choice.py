@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from autonomy.learning.fitting import Fit, Method, fit
+from autonomy.learning.fitting import Fit, Method, doubt, fit
 from autonomy.learning.history import HistoryCells
 from autonomy.learning.kernel import Component, Kernel
 from autonomy.learning.likelihood import Readings
@@ -25,11 +25,15 @@ _LATER = 0.25
 
 @dataclass(frozen=True)
 class Choice:
-    """What `choose` found: the winner's `fit`, all penalised `scores` in nats, and the `starts` of the next."""
+    """What `choose` found: the winner's `fit`, all penalised `scores` in nats, and the `starts` of the next.
+
+    `doubt`: posterior variance of the logarithm of the winner's signal variance.
+    """
 
     fit: Fit
     scores: dict[str, float]
     starts: dict[str, Kernel]
+    doubt: float = 0.0
 
 
 def structure(name: str) -> Structure:
@@ -76,7 +80,12 @@ def choose(
     scores = {s.name: fits[s.name].score - s.penalty + INCUMBENT_BONUS * (s.name == incumbent) for s in able}
     winner = fits[max(scores, key=lambda name: scores[name])]
     starts.update({name: found.kernel for name, found in fits.items() if not found.kept_start})
-    return Choice(replace(winner, kernel=stilled(winner.kernel, readings.elapsed_s)), scores, starts)
+    unsure = (
+        0.0
+        if winner.kept_start
+        else doubt(readings, structure(winner.structure), span_m, winner.kernel, method or Method())
+    )
+    return Choice(replace(winner, kernel=stilled(winner.kernel, readings.elapsed_s)), scores, starts, unsure)
 
 
 def stilled(kernel: Kernel, elapsed_s: float) -> Kernel:

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import minimize
 
+from autonomy.learning.caution import posterior_variance
 from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel
 from autonomy.learning.likelihood import Readings
 from autonomy.learning.numbers import positive
@@ -23,6 +24,8 @@ Optimiser = Literal["lbfgs", "gradient_ascent"]
 _LONGEST_STEP = 1.0
 # With so few readings a second start costs little; how much shorter its length-scales are.
 _FEW_POINTS = 100
+# Of the central differences from which the Hessian is made.
+_STEP = 0.02
 # L-BFGS ends when an iteration gains less than this share of the objective: some ten thousandths of a nat.
 _NEGLIGIBLE_GAIN = 1e-7
 _SHORTER = 5.0
@@ -132,6 +135,25 @@ def fit(
     )
 
 
+def doubt(readings: Readings, structure: Structure, span_m: float, found: Kernel, method: Method) -> float:
+    """How uncertain the readings leave the logarithm of the signal variance: its posterior variance (Laplace).
+
+    `found` is the kernel of a fit to these readings. 0 without priors: there is no posterior then.
+    """
+    if not method.priors:
+        return 0.0
+    standard, unit = readings.standardised
+    target = _Target(standard, structure, span_m, method)
+    theta = structure.parameters(scaled(found, 1.0 / unit**2), standard.elapsed_s)
+    steps = _STEP * np.eye(len(theta))
+    precision = np.array([target(theta - step)[1] - target(theta + step)[1] for step in steps]) / (2 * _STEP)
+    if not np.isfinite(precision).all():
+        return 1.0
+    # The prior of the variance comes from these readings: it adds no knowledge.
+    precision[0, 0] -= target.deviations[0] ** -2
+    return posterior_variance(precision, 2.0 * float(target.deviations.max()))
+
+
 def scaled(kernel: Kernel, factor: float) -> Kernel:
     """The kernel with all variances times `factor`."""
     components = tuple(replace(c, variance=c.variance * factor) for c in kernel.components)
@@ -184,6 +206,11 @@ class _Target:
         if self._points > _FEW_POINTS:
             return [first]
         return [first, self._within(self._structure.shortened(self._medians.median, _SHORTER))]
+
+    @property
+    def deviations(self) -> FloatArray:
+        """Standard deviations of the priors."""
+        return self._medians.deviation
 
     def _within(self, theta: FloatArray) -> FloatArray:
         result: FloatArray = np.clip(theta, self.bounds[:, 0], self.bounds[:, 1])

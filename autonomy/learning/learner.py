@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from autonomy.config import EstimationSection
 from autonomy.learning.calibration import Calibration
 from autonomy.learning.capacity import MOST, Budget
+from autonomy.learning.caution import at_birth
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.history import History
 from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel
@@ -261,7 +262,8 @@ class Learner:
 
     def _give_birth(self) -> Update | None:
         values = np.array([value for _, _, value, _ in self._collected])
-        kernel = self._given or self._median_kernel(_safe_variance(values))
+        places = np.array([place for _, place, _, _ in self._collected])
+        kernel = self._given or at_birth(self._median_kernel(_safe_variance(values)), places)
         self._gp = self._build.model(kernel, float(values.mean()))
         self._waiting.extend(self._collected)
         self._collected = []

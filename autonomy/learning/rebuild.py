@@ -9,6 +9,7 @@ import numpy as np
 from autonomy.config import EstimationSection
 from autonomy.learning.basis import select_basis
 from autonomy.learning.capacity import Budget, choose_capacity
+from autonomy.learning.caution import cautious
 from autonomy.learning.choice import Choice, choose, readings_of, stilled, structure
 from autonomy.learning.fitting import Fit, Method, fit
 from autonomy.learning.history import HistoryCells
@@ -131,7 +132,7 @@ def reestimate(request: ReestimateRequest) -> Reestimate:
         more = _readings(request, _REFINED * options.maximum_points)
         if more.n > readings.n:
             readings, choice = more, _refined(choice, more, request.span_m, method)
-    kernel, prior_mean = choice.fit.kernel, choice.fit.prior_mean
+    kernel, prior_mean = cautious(choice.fit.kernel, choice.doubt), choice.fit.prior_mean
     if choice.fit.kept_start:
         kernel, prior_mean = request.kernel, request.prior_mean
     return Reestimate(

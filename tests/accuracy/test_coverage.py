@@ -25,11 +25,6 @@ CASES: tuple[Case, ...] = (
 )
 
 
-@pytest.mark.xfail(
-    not LONG,
-    strict=True,
-    reason="the signal variance is that of the water sailed: intervals too narrow elsewhere",
-)
 @pytest.mark.timeout(7200 if LONG else 120)
 def test_intervals_hold_in_every_tenth_of_a_survey(
     request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]

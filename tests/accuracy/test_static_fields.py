@@ -17,7 +17,7 @@ from surveys import survey, surveyed
 from autonomy.learning.kernel import Component, Kernel
 from autonomy.learning.spatial import Matern32
 
-_FEW: tuple[Case, ...] = (("ucla-temp-49", 6, False), ("sst-0", 6, False), ("nordic-temp-34", 6, True))
+_FEW: tuple[Case, ...] = (("ucla-temp-49", 10, True), ("sst-0", 6, False), ("nordic-temp-34", 6, True))
 CASES: tuple[Case, ...] = (
     tuple((name, length, across) for name in REAL for length in (6, 10) for across in (False, True))
     if LONG

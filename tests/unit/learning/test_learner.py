@@ -75,9 +75,11 @@ def test_at_birth_the_first_readings_tell_offset_and_scale_and_are_all_learnt():
     learner = taught(Learner(SPAN), x, y)
     h = learner.gp.kernel.hyperparameters
     assert learner.gp.prior_mean == pytest.approx(y[:20].mean())
-    assert h.signal_variance == pytest.approx(y[:20].var())
+    # The first stretch varies less than the field: see caution.
+    assert 50.0 * y[:20].var() <= h.signal_variance <= 5e3 * y[:20].var()
     assert h.noise_variance == pytest.approx(0.01 * y[:20].var())
-    by_hand = SparseOnlineGP(h, learner.capacity, prior_mean=float(y[:20].mean()))
+    novelty = h.noise_variance / h.signal_variance
+    by_hand = SparseOnlineGP(h, learner.capacity, novelty, prior_mean=float(y[:20].mean()))
     for point, value in zip(x, y, strict=True):
         by_hand.update(point, value)
     np.testing.assert_allclose(learner.model().predict(x).mean, by_hand.predict(x).mean, atol=1e-12)
@@ -281,7 +283,9 @@ def test_birth_from_many_readings_is_spread_over_slices():
     assert learner.behind >= 480
     taught(learner, x[500:], y[500:], start=500)
     caught_up(learner)
-    by_hand = SparseOnlineGP(learner.gp.kernel.hyperparameters, 300, prior_mean=float(y[:500].mean()))
+    h = learner.gp.kernel.hyperparameters
+    novelty = h.noise_variance / h.signal_variance
+    by_hand = SparseOnlineGP(h, 300, novelty, prior_mean=float(y[:500].mean()))
     for point, value in zip(x, y, strict=True):
         by_hand.update(point, value)
     np.testing.assert_allclose(learner.model().predict(x).mean, by_hand.predict(x).mean, atol=1e-12)
