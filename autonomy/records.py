@@ -14,7 +14,7 @@ from autonomy import structure
 from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob
 from autonomy.events import Event, MessageReceived
 from autonomy.mavlink.codec import Codec
-from autonomy.structure import StructureError
+from autonomy.structure import Fingerprint, StructureError
 
 _HEADER, _MESSAGE, _EVENT, _EFFECTS, _RESUMED = range(5)
 _MAXIMUM_LABEL = 200
@@ -34,13 +34,11 @@ class Happened:
 
 @dataclass(frozen=True)
 class Gist:
-    """What identifies an effect: its kind and label for a person, digests of all of it and of all but its numbers."""
+    """What identifies an effect: its kind and label, for a person, and the fingerprint of all else."""
 
     kind: str
     label: str
-    exact: bytes
-    outline: bytes
-    numbers: tuple[float, ...]
+    fingerprint: Fingerprint
 
     def __str__(self) -> str:
         return f"{self.kind} {self.label}".strip()
@@ -154,18 +152,19 @@ def gist(effect: Effect) -> Gist:
 
 
 def _of(kind: str, label: str, value: Any) -> Gist:
-    outline, numbers = structure.outline(value)
-    return Gist(kind, label[:_MAXIMUM_LABEL], structure.digest(value), outline, tuple(numbers))
+    return Gist(kind, label[:_MAXIMUM_LABEL], structure.fingerprint(value))
 
 
 def _row(each: Gist) -> list[Any]:
-    numbers = struct.pack(f"<{len(each.numbers)}d", *each.numbers)
-    return [each.kind, each.label, each.exact, each.outline, numbers]
+    print_ = each.fingerprint
+    numbers = struct.pack(f"<{len(print_.numbers)}d", *print_.numbers)
+    return [each.kind, each.label, print_.exact, print_.outline, numbers]
 
 
 def _gist(row: Any) -> Gist:
     match row:
         case [str() as kind, str() as label, bytes() as exact, bytes() as outline, bytes() as numbers]:
             if len(numbers) % 8 == 0:
-                return Gist(kind, label, exact, outline, struct.unpack(f"<{len(numbers) // 8}d", numbers))
+                unpacked = struct.unpack(f"<{len(numbers) // 8}d", numbers)
+                return Gist(kind, label, Fingerprint(exact, outline, unpacked))
     raise RecordError("an effect of no known form")

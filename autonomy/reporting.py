@@ -214,6 +214,7 @@ class Reporter:
             link_ok=status.in_touch,
             worker_busy=status.worker_busy,
             dropped=0,
+            journal="",
             quality=status.quality,
         )
 

@@ -79,19 +79,64 @@ def decode(data: bytes) -> Any:
     return _value(load_plain(data))
 
 
-def digest(value: Any) -> bytes:
-    """Eight bytes that differ between values that differ in anything. TypeError as `encode`."""
-    return hashlib.blake2b(encode(value), digest_size=8).digest()
+@dataclasses.dataclass(frozen=True)
+class Fingerprint:
+    """What tells a value from others.
 
-
-def outline(value: Any) -> tuple[bytes, list[float]]:
-    """A value without its numbers, as eight bytes, and its numbers: what two computers agree on, and nearly agree on.
-
-    Of an array its sum and the sum of its magnitudes stand for all. TypeError as `encode`.
+    Attributes:
+        exact: digest of all of it, 8 bytes.
+        outline: digest of all but its numbers, on which computers agree even where these differ a little.
+        numbers: the numbers; of an array its sum and the sum of its magnitudes.
     """
+
+    exact: bytes
+    outline: bytes = dataclasses.field(compare=False)
+    # Compared they would differ where one is NaN.
+    numbers: tuple[float, ...] = dataclasses.field(compare=False)
+
+
+def fingerprint(value: Any) -> Fingerprint:
+    """What tells a value from others. TypeError as `encode`."""
     numbers: list[float] = []
-    skeleton = cbor2.dumps(_skeleton(_tree(value), numbers))
-    return hashlib.blake2b(skeleton, digest_size=8).digest(), numbers
+    tree = _tree(value)
+    skeleton = _skeleton(tree, numbers)
+    return Fingerprint(_digest(tree), _digest(skeleton), tuple(numbers))
+
+
+def deviation(a: Any, b: Any) -> float:
+    """The largest difference of two values' numbers, each relative to the larger of the two magnitudes.
+
+    Of an array, relative to its largest entry. Infinite if they differ in more than numbers. TypeError as `encode`.
+    """
+    return _deviation(_tree(a), _tree(b))
+
+
+def _digest(tree: Any) -> bytes:
+    return hashlib.blake2b(cbor2.dumps(tree), digest_size=8).digest()
+
+
+def _deviation(a: Any, b: Any) -> float:
+    if isinstance(a, cbor2.CBORTag) and isinstance(b, cbor2.CBORTag) and a.tag == b.tag:
+        if a.tag in (_ARRAY, _SCALAR):
+            return _apart(_value(a), _value(b))
+        return _deviation(a.value, b.value)
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        return max(map(_deviation, a, b), default=0.0)
+    if isinstance(a, dict) and isinstance(b, dict) and a.keys() == b.keys():
+        return max((_deviation(a[name], b[name]) for name in a), default=0.0)
+    if isinstance(a, float) and isinstance(b, float):
+        return _apart(a, b)
+    return 0.0 if type(a) is type(b) and a == b else math.inf
+
+
+def _apart(a: Any, b: Any) -> float:
+    if np.shape(a) != np.shape(b):
+        return math.inf
+    if np.array_equal(a, b, equal_nan=np.asarray(a).dtype.kind == "f"):
+        return 0.0
+    difference = float(np.max(np.abs(np.subtract(a, b, dtype=float))))
+    scale = max(float(np.max(np.abs(a))), float(np.max(np.abs(b))))
+    return difference / scale if math.isfinite(difference) and scale > 0.0 else math.inf
 
 
 def load_plain(data: bytes) -> Any:

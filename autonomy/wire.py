@@ -146,7 +146,8 @@ class HealthNotice:
     the model had to be rebuilt because rounding had broken it;
     `distance_m` what has been sailed; `clock_rate` vehicle seconds per second of this process; `link_ok`
     whether the autopilot is heard; `worker_busy` whether a job runs; `dropped` messages for the shore that
-    were thrown away for want of a listener or of room.
+    were thrown away for want of a listener or of room; `journal` what is wrong with the recording of the run, empty
+    if nothing is.
     """
 
     state: str
@@ -172,6 +173,7 @@ class HealthNotice:
     link_ok: bool
     worker_busy: bool
     dropped: int
+    journal: str
     quality: Mapping[str, tuple[int, ...]]
 
 
@@ -257,6 +259,7 @@ def _as_map(value: Payload) -> tuple[Topic, dict[str, Any]]:
         case HealthNotice():
             content["reason"] = _cut(value.reason, MAXIMUM_REASON)
             content["kernel"] = _cut(value.kernel, MAXIMUM_KERNEL)
+            content["journal"] = _cut(value.journal, MAXIMUM_REASON)
             return Topic.HEALTH, content
         case LogNotice():
             content["text"] = _cut(value.text, MAXIMUM_LINE)

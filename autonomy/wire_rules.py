@@ -301,6 +301,7 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "link_ok": _flag,
         "worker_busy": _flag,
         "dropped": _count,
+        "journal": _text(MAXIMUM_REASON),
         "quality": _tallies,
     },
     Topic.LOG: {"level": _one_of(LEVELS), "text": _text(MAXIMUM_LINE)},

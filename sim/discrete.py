@@ -17,6 +17,7 @@ from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob, Topic
 from autonomy.events import DeadlineReached, Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived
 from autonomy.mavlink.codec import Codec
 from autonomy.planning.survey import SurveyArea
+from autonomy.shell.journal import Journal
 from sim.autopilot import Autopilot, Mode
 from sim.router import Router
 
@@ -43,6 +44,7 @@ class DiscreteRun:
             a run, so at 20 it is over much sooner, at the price of decisions that are twenty times as rare.
         linked: whether the link between the two carries anything; see `cut_link`.
         passes: which messages of the core the link carries.
+        journal: where the run is recorded; whoever opened it closes it.
         log: lines of the core's log, with their time.
         published: what went ashore, by topic, in order.
         sent: what the core sent to the vehicle, with its time.
@@ -57,6 +59,7 @@ class DiscreteRun:
     speedup: float = 1.0
     linked: bool = True
     passes: Callable[[Any], bool] = lambda message: True
+    journal: Journal | None = None
     log: list[tuple[float, str]] = field(default_factory=list)
     published: dict[Topic, list[Any]] = field(default_factory=lambda: {topic: [] for topic in Topic})
     sent: list[tuple[float, Any]] = field(default_factory=list)
@@ -96,7 +99,14 @@ class DiscreteRun:
 
     def happened(self, event: Event) -> None:
         """Bring an event to the core, carry out what it asks, and bring it the answers."""
-        for effect in self.core.handle(self.now, event):
+        if self.journal is not None:
+            self.journal.event(self.now, event)
+        effects = self.core.handle(self.now, event)
+        if self.journal is not None:
+            self.journal.effects(effects)
+            if self.journal.is_crowded:
+                self.journal.flush()
+        for effect in effects:
             self._carry_out(effect)
         self._deliver()
 
@@ -166,8 +176,11 @@ class DiscreteRun:
         match effect:
             case SendMessage(message):
                 self.sent.append((self.now, message))
+                packet = self._own.encode(message)
+                if self.journal is not None:
+                    self.journal.sent(packet)
                 if self.linked and self.passes(message):
-                    self._take(self._router.receive(self.now, _CORE, self._own.encode(message)))
+                    self._take(self._router.receive(self.now, _CORE, packet))
             case StartJob(job_id, name, request, _):
                 self._pending.append((self.now + self.job_s, self._done(job_id, name, request)))
             case Publish(topic, payload):

@@ -34,6 +34,11 @@ class _JournalFormatter(logging.Formatter):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The verb's arguments."""
     parser.add_argument("--config", required=True, metavar="FILE", help="configuration in YAML")
+    parser.add_argument(
+        "--afresh",
+        action="store_true",
+        help="put aside what an earlier run has learnt, and begin with nothing",
+    )
     add_override_argument(parser)
 
 
@@ -48,12 +53,19 @@ def run(arguments: argparse.Namespace) -> int:
     faulthandler.enable()
     # zenoh and the learner take a while to import: a wrong configuration is told before.
     from autonomy.shell.daemon import Daemon
+    from autonomy.shell.journal import open_journal
+    from autonomy.shell.resumption import open_continuity
 
     log = logging.getLogger("autonomy")
     for doubt in doubts(loaded, survey):
         log.warning("%s", doubt)
+    configuration = loaded.configuration
     try:
-        asyncio.run(Daemon(loaded.configuration, survey).run())
+        continuity, _ = open_continuity(configuration, survey, os.environ, afresh=arguments.afresh)
+        resumed = None if continuity is None else continuity.resumed
+        journal, unrecorded = open_journal(configuration, survey, os.environ, resumed)
+        daemon = Daemon(configuration, survey, journal=journal, unrecorded=unrecorded, continuity=continuity)
+        asyncio.run(daemon.run())
     except Exception:
         log.exception("the service ends over an error of its own")
         return EXIT_SOFTWARE

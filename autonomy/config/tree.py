@@ -544,6 +544,25 @@ class JournalSection(Section):
             yield Conflict(("total_mb", "file_mb"), what, "journal.total_mb >= 2 * journal.file_mb")
 
 
+class CheckpointSection(Section):
+    """What is kept of the core's knowledge, so that a restarted service goes on where it was."""
+
+    enabled: bool = Field(default=True, description="whether a restarted service knows what it knew before")
+    directory: FolderPath | None = Field(
+        default=None,
+        description="where checkpoints are kept; null: checkpoint in systemd's state directory, or else in "
+        "~/.local/state/halocline/NAME, with vehicle.name for NAME",
+        json_schema_extra={"allowed": "the name of a folder, made if need be, or null"},
+    )
+    period_s: float = Field(
+        default=60.0,
+        ge=1,
+        le=3600,
+        allow_inf_nan=False,
+        description="time between two checkpoints; what happened since the last one is replayed from the journal",
+    )
+
+
 class LoggingSection(Section):
     """What goes into the log."""
 
@@ -567,6 +586,7 @@ class Configuration(Section):
     planning: PlanningSection = PlanningSection()
     shore: ShoreSection = ShoreSection()
     journal: JournalSection = JournalSection()
+    checkpoint: CheckpointSection = CheckpointSection()
     logging: LoggingSection = LoggingSection()
     seed: int = Field(
         default=0, ge=0, description="seed of every random choice; runs with equal inputs are equal"

@@ -26,7 +26,9 @@ from autonomy.events import (
 )
 from autonomy.mavlink.codec import Codec
 from autonomy.planning.survey import SurveyArea
+from autonomy.shell.journal import Journal
 from autonomy.shell.publisher import Publisher
+from autonomy.shell.resumption import Continuity
 from autonomy.shell.systemd import Notifier
 from autonomy.shell.transport import Transport
 from autonomy.shell.worker import Worker
@@ -45,16 +47,30 @@ class Daemon:
         configuration: all of it.
         survey: what `survey` in the configuration describes.
         job_runner: `package.module:function` that the worker process runs jobs with.
+        journal: where the run is recorded; it is closed at the end. None: it is not.
+        unrecorded: why there is no journal although there should be one; goes into health.
+        continuity: what earlier runs have left, and what keeps what this one knows; None: it begins with nothing,
+            and leaves nothing.
     """
 
     def __init__(
-        self, configuration: Configuration, survey: SurveyArea, job_runner: str = "autonomy.jobs:run"
+        self,
+        configuration: Configuration,
+        survey: SurveyArea,
+        job_runner: str = "autonomy.jobs:run",
+        journal: Journal | None = None,
+        unrecorded: str = "",
+        continuity: Continuity | None = None,
     ) -> None:
         self._configuration = configuration
-        self._core = Core(configuration, survey)
+        self._core = Core(configuration, survey) if continuity is None else continuity.core
+        self._continuity = continuity
         self._codec = Codec(_PROVISIONAL_SYSTEM_ID, configuration.mavlink.component_id)
         self._publisher = Publisher(configuration.vehicle.name, configuration.shore.connect)
         self._worker = Worker(survey, self._job_finished, self._job_failed, run=job_runner)
+        self._journal = journal
+        self._unrecorded = unrecorded
+        self._journal_told = ""
         self._notifier = Notifier(os.environ)
         self._transport: Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -73,6 +89,8 @@ class Daemon:
             loop.add_signal_handler(number, self._stop)
         self._publisher.start()
         self._worker.start()
+        if self._continuity is not None:
+            self._continuity.begin(self._journal)
         try:
             self._transport = Transport.open(
                 self._configuration.mavlink.endpoint,
@@ -83,6 +101,7 @@ class Daemon:
             self._notifier.ready()
             self._happened(DeadlineReached())
             self._feed_watchdog()
+            self._keep_regularly(first=True)
             log.info("looking for the vehicle at %s", self._configuration.mavlink.endpoint)
             await self._until_the_end(ended)
         finally:
@@ -104,6 +123,8 @@ class Daemon:
         self._notifier.stopping()
         self._happened(StopRequested())
         if not self._ended.done():
+            if self._continuity is not None:
+                self._continuity.keep(self._journal)
             self._ended.set_result(None)
 
     async def _close(self) -> None:
@@ -113,6 +134,12 @@ class Daemon:
             await self._transport.close()
         await self._worker.close()
         await asyncio.to_thread(self._publisher.stop)
+        if self._continuity is not None:
+            ended = self._ended
+            in_order = ended is not None and ended.done() and ended.exception() is None
+            await asyncio.to_thread(self._continuity.close, in_order=in_order)
+        if self._journal is not None:
+            await asyncio.to_thread(self._journal.close)
         self._notifier.close()
 
     def _received(self, data: bytes, peer: Hashable) -> None:
@@ -131,26 +158,62 @@ class Daemon:
             return
         loop = asyncio.get_running_loop()
         try:
-            for effect in self._core.handle(loop.time(), event):
+            for effect in self._handle(loop.time(), event):
                 self._carry_out(effect)
         except Exception as error:  # noqa: BLE001 -- whatever it is, the run is over and says so
             self._ended.set_exception(error)
+            if self._continuity is not None:
+                self._continuity.crashed(self._journal)
             return
         if self._timer is not None:
             self._timer.cancel()
         self._timer = loop.call_at(self._core.next_deadline(), self._happened, DeadlineReached())
+
+    def _handle(self, now: float, event: Event) -> list[Effect]:
+        """What the core asks for; event and effects are recorded, each before it has any consequence."""
+        if self._journal is None:
+            return self._core.handle(now, event)
+        self._journal.event(now, event)
+        effects = self._core.handle(now, event)
+        self._journal.effects(effects)
+        return effects
+
+    def _keep_regularly(self, *, first: bool = False) -> None:
+        if self._continuity is None or self._ended is None or self._ended.done():
+            return
+        if not first:
+            self._continuity.keep(self._journal)
+        asyncio.get_running_loop().call_later(self._continuity.period_s, self._keep_regularly)
+
+    def _journal_trouble(self) -> str:
+        """What is wrong with the recording; the log is told when that changes."""
+        if self._journal is None:
+            return self._unrecorded
+        status = self._journal.status
+        if status.trouble != self._journal_told:
+            self._journal_told = status.trouble
+            if status.trouble:
+                log.error("journal: %s", status)
+            else:
+                log.info("journal: runs are recorded again")
+        return str(status)
 
     def _carry_out(self, effect: Effect) -> None:
         match effect:
             case SendMessage(message):
                 self._codec.system_id = self._core.system_id or _PROVISIONAL_SYSTEM_ID
                 if self._transport is not None:
-                    self._transport.send(self._codec.encode(message))
+                    packet = self._codec.encode(message)
+                    if self._journal is not None:
+                        self._journal.sent(packet)
+                    self._transport.send(packet)
             case StartJob(job_id, name, request, deadline_s):
                 self._worker.submit(job_id, name, request, deadline_s)
             case Publish(topic, HealthNotice() as health):
                 dropped = sum(self._publisher.status.dropped.values())
-                self._publisher.publish(topic, replace(health, dropped=dropped))
+                self._publisher.publish(
+                    topic, replace(health, dropped=dropped, journal=self._journal_trouble())
+                )
                 self._tell_manager(f"{health.state}: {health.reason}")
             case Publish(topic, payload):
                 self._publisher.publish(topic, payload)

@@ -9,7 +9,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,14 +23,18 @@ from autonomy.effects import Effect
 from autonomy.events import Event, MessageReceived
 from autonomy.planning.survey import SurveyArea
 from autonomy.records import encode_effects, encode_event, encode_resumed
+from autonomy.shell.frames import MAXIMUM_PAYLOAD_BYTES
 from autonomy.shell.journal_files import SCHEMA, SHAPES, VERSION, Position
 from autonomy.shell.journal_store import Limits, Packet, Row, Store
+from autonomy.shell.state_directory import state_directory
 
 log = logging.getLogger(__name__)
 
 QUEUE_BYTES = 64 * 2**20
 """Room for what the disk has not taken yet: minutes of a survey, with a re-estimate among them."""
 
+# The thread takes what has gathered for so long: woken for each record of a burst it would fight with the loop.
+_LINGER_S = 0.002
 _ITEM_BYTES = 200  # what an item takes besides its payload
 
 
@@ -136,18 +140,18 @@ class Journal:
 
     def event(self, now: float, event: Event) -> None:
         """Record an event that the core is about to handle at protocol time `now`."""
-        self._record(encode_event(now, event))
+        self._record(encode_event, now, event)
         if isinstance(event, MessageReceived):
             self._packet(bytes(event.message.get_msgbuf()))
 
     def effects(self, effects: Sequence[Effect]) -> None:
         """Record what the core asked for in answer to the last event."""
         if effects:
-            self._record(encode_effects(effects))
+            self._record(encode_effects, effects)
 
     def resumed(self, now: float, away_s: float) -> None:
         """Record that the core goes on after a restart, `Core.resume(now, away_s)`, before it does."""
-        self._record(encode_resumed(now, away_s))
+        self._record(encode_resumed, now, away_s)
 
     def sent(self, packet: bytes) -> None:
         """Add a packet that goes to the vehicle to the MAVLink stream."""
@@ -167,9 +171,17 @@ class Journal:
             self._changed.notify_all()
         self._thread.join()
 
-    def _record(self, payload: bytes) -> None:
+    def _record(self, encode: Callable[..., bytes], *content: Any) -> None:
         self._sequence += 1
-        if not self._put(Row(self._sequence, payload), len(payload)):
+        try:
+            payload = encode(*content)
+        except (TypeError, ValueError, OverflowError) as error:
+            # What can't be written down must not end the survey.
+            log.error("a record can't be written: %s", error)
+            self._refused_records += 1
+            return
+        too_large = len(payload) > MAXIMUM_PAYLOAD_BYTES
+        if too_large or not self._put(Row(self._sequence, payload), len(payload)):
             self._refused_records += 1
 
     def _packet(self, data: bytes) -> None:
@@ -212,6 +224,8 @@ class Journal:
                 self._store.sync()
                 sync_due = None
             self._done(items)
+            if items and not closing:
+                time.sleep(_LINGER_S)
             if closing and not items:
                 return
 
@@ -231,6 +245,41 @@ class Journal:
                 self._room += _ITEM_BYTES + len(item.payload if isinstance(item, Row) else item.data)
             self._at_work = False
             self._changed.notify_all()
+
+
+def open_journal(
+    configuration: Configuration,
+    survey: SurveyArea,
+    environment: Mapping[str, str],
+    resumed: Position | None = None,
+) -> tuple[Journal | None, str]:
+    """Begin to record a run of the service, where configuration or environment say; `resumed`: see `make_header`.
+
+    Returns:
+        The journal, and why there is none although the configuration wants one: a survey without a journal is
+        better than none.
+    """
+    section = configuration.journal
+    if not section.enabled:
+        log.warning("journal.enabled is false: nothing is recorded")
+        return None, ""
+    try:
+        folder = section.directory or state_directory(configuration.vehicle.name, environment) / "journal"
+        header = make_header(
+            configuration, survey, now=time.monotonic(), utc_s=time.time(), resumed=resumed
+        )
+        journal = Journal.open(folder, section, header)
+    except BlockingIOError:
+        problem = f"another service records in {folder}"
+    except OSError as error:
+        problem = f"{error.filename}: {error.strerror}"
+    except ValueError as error:
+        problem = str(error)
+    else:
+        log.info("recording run %d in %s", journal.position.run, folder)
+        return journal, ""
+    log.error("journal: %s: nothing is recorded", problem)
+    return None, f"{problem}: nothing is recorded"
 
 
 def make_header(

@@ -48,7 +48,12 @@ class Running:
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=file,
-                env={**os.environ, **_THREADS, **environment},
+                env={
+                    **os.environ,
+                    **_THREADS,
+                    "XDG_STATE_HOME": str(log.with_suffix(".state")),
+                    **environment,
+                },
                 start_new_session=True,
             )
 

@@ -103,6 +103,7 @@ def health_notice(reason: str = "") -> HealthNotice:
         calibration=CalibrationFigures(0.942, 1.08, 1.31, 400),
         ahead=CalibrationFigures(0.907, 1.4, 0.52, 43),
         repairs=0,
+        journal="",
         distance_m=4321.0,
         clock_rate=1.0,
         link_ok=True,

@@ -90,6 +90,7 @@ healths = st.builds(
     link_ok=st.booleans(),
     worker_busy=st.booleans(),
     dropped=count,
+    journal=st.text(max_size=400),
     quality=st.dictionaries(st.text(max_size=40), st.tuples(*[count] * 5), max_size=8),
 )
 logs = st.builds(LogNotice, st.sampled_from(["debug", "info", "warning", "error"]), st.text(max_size=2000))
@@ -97,7 +98,7 @@ logs = st.builds(LogNotice, st.sampled_from(["debug", "info", "warning", "error"
 NEAR, AHEAD = CalibrationFigures(0.94, 1.1, 0.3, 500), CalibrationFigures(math.nan, math.nan, math.nan, 0)
 HEALTH = HealthNotice(
     *("EXPLORING", "", "AUTO", True, 34.0, -120.0, 90.0, 1.5, 9.0),
-    *(10, 5, 0.2, 0.6, 1, "smooth 3.1 km", NEAR, AHEAD, 0, 100.0, 1.0, True, False, 0),
+    *(10, 5, 0.2, 0.6, 1, "smooth 3.1 km", NEAR, AHEAD, 0, 100.0, 1.0, True, False, 0, ""),
     quality={"aggregate": (9, 0, 1, 0, 0)},
 )
 PLAN = PlanNotice(0, (34.0, -120.0), ((34.1, -120.1),), (True,), 1.0, "paper", "first plan")
