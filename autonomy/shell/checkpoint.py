@@ -1,23 +1,305 @@
-"""Checkpoints on disk: what the core knows, as bytes that tell whether they are whole, in two generations."""
+"""Checkpoints on disk: what the core knows, in two generations, each in a file that tells whether it is whole.
 
-from typing import Any
+A file is `MAGIC`, the BLAKE2b digest (32 bytes) of the rest, and a zstd frame of CBOR:
+
+    {"number": counts the checkpoints, "fits": {what it depends on: digest}, "now", "utc_s": when, by both clocks,
+     "boot": the machine's boot, "journal": [run, sequence] or null, "memory": see `autonomy.memory`}
+
+with arrays as ["array", type, order, [side, …], bytes]. A new one replaces the older of the two files, so that
+whatever happens meanwhile, the newer one is whole. Nothing in a file is ever run as code.
+"""
+
+import fcntl
+import hashlib
+import logging
+import os
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
 
 import cbor2
 import numpy as np
+import shapely
+import zstandard
 
+from autonomy.config import Configuration
 from autonomy.memory import Memory
+from autonomy.planning.survey import SurveyArea
+from autonomy.shell.journal_files import Position
+from autonomy.wire import OBJECT_TAGS
+
+log = logging.getLogger(__name__)
+
+MAGIC = b"HALOCKPT"
+SCHEMA = 1
+"""To be raised when what the core remembers changes its meaning but not the names of its attributes."""
+
+MAXIMUM_BYTES = 2**28
+_DIGEST_BYTES = 32
+_MAXIMUM_DEPTH = 400
+_FILES = ("even.checkpoint", "odd.checkpoint")
+_KEPT_ASIDE = 8
 
 
-def _default(encoder: Any, value: Any) -> None:
+class CheckpointError(ValueError):
+    """A file that is no sound checkpoint; says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """What a core knew at one moment.
+
+    Attributes:
+        number: counts the checkpoints of a boat; the highest is the newest.
+        fits: what a core must have been made with to take it up, by name; see `fits`.
+        memory: of the core.
+        now: protocol time of the last event that it had heard of, or later.
+        utc_s: the wall clock at that time.
+        boot: names the machine's boot, for which alone protocol time means anything.
+        position: the journal's, just after that event; None without a journal.
+    """
+
+    number: int
+    fits: Mapping[str, str]
+    memory: Memory
+    now: float
+    utc_s: float
+    boot: str
+    position: Position | None
+
+
+def fits(configuration: Configuration, survey: SurveyArea) -> dict[str, str]:
+    """Digests of all that must be the same for a checkpoint to be taken up; other keys may change meanwhile."""
+    frame = survey.frame
+    shapes = b"".join(shapely.to_wkb(shape) for shape in (survey.ground, survey.obstacles, survey.navigable))
+    origin = f"{frame.origin_lat_deg!r} {frame.origin_lon_deg!r}"
+    parts = {
+        "software": f"schema {SCHEMA}".encode(),
+        "vehicle.name": configuration.vehicle.name.encode(),
+        "survey": shapes + origin.encode(),
+        "sensor": configuration.sensor.model_dump_json().encode(),
+        "model": configuration.model.model_dump_json().encode(),
+    }
+    return {name: hashlib.blake2b(data, digest_size=16).hexdigest() for name, data in parts.items()}
+
+
+def encode(checkpoint: Checkpoint) -> bytes:
+    """The bytes of a file."""
+    position = checkpoint.position
+    content = {
+        "number": checkpoint.number,
+        "fits": dict(checkpoint.fits),
+        "now": checkpoint.now,
+        "utc_s": checkpoint.utc_s,
+        "boot": checkpoint.boot,
+        "journal": None if position is None else [position.run, position.sequence],
+        "memory": checkpoint.memory,
+    }
+    body = zstandard.ZstdCompressor(level=1).compress(cbor2.dumps(content, default=_encode_array))
+    return MAGIC + hashlib.blake2b(body, digest_size=_DIGEST_BYTES).digest() + body
+
+
+def decode(data: bytes) -> Checkpoint:
+    """The checkpoint in a file's bytes. CheckpointError if there is none, or a damaged one."""
+    head = len(MAGIC) + _DIGEST_BYTES
+    if len(data) < head or not data.startswith(MAGIC):
+        raise CheckpointError("it is no checkpoint, or its beginning is damaged")
+    body = data[head:]
+    if hashlib.blake2b(body, digest_size=_DIGEST_BYTES).digest() != data[len(MAGIC) : head]:
+        raise CheckpointError("its digest does not agree: it is damaged or not whole")
+    try:
+        content = _content(body)
+        journal = content["journal"]
+        return Checkpoint(
+            number=int(content["number"]),
+            fits={str(name): str(digest) for name, digest in content["fits"].items()},
+            memory=content["memory"],
+            now=float(content["now"]),
+            utc_s=float(content["utc_s"]),
+            boot=str(content["boot"]),
+            position=None if journal is None else Position(int(journal[0]), int(journal[1])),
+        )
+    except (zstandard.ZstdError, cbor2.CBORDecodeError) as error:
+        raise CheckpointError(f"it can't be read: {error}") from error
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
+        raise CheckpointError(f"it makes no sense: {type(error).__name__}: {error}") from error
+
+
+def _content(body: bytes) -> dict[str, Any]:
+    size = zstandard.frame_content_size(body)
+    if not 0 < size <= MAXIMUM_BYTES:
+        raise CheckpointError(f"it claims to hold {size} bytes; the limit is {MAXIMUM_BYTES}")
+    plain = zstandard.ZstdDecompressor().decompress(body, max_output_size=MAXIMUM_BYTES)
+    content = cbor2.loads(
+        plain,
+        semantic_decoders=dict.fromkeys(OBJECT_TAGS, _refuse),
+        max_depth=_MAXIMUM_DEPTH,
+        allow_indefinite=False,
+    )
+    if not isinstance(content, dict):
+        raise CheckpointError(f"a map was expected, not {type(content).__name__}")
+    return content
+
+
+def _encode_array(encoder: Any, value: Any) -> None:
     if not isinstance(value, np.ndarray):
         raise TypeError(f"a {type(value).__name__} has no place in a checkpoint")
-    order = "F" if value.flags.f_contiguous and not value.flags.c_contiguous else "C"
+    order: Literal["C", "F"] = "C" if value.flags.c_contiguous or not value.flags.f_contiguous else "F"
     encoder.encode(["array", value.dtype.str, order, list(value.shape), value.tobytes(order)])
 
 
-def encode(memory: Memory) -> bytes:
-    return cbor2.dumps(memory, default=_default)
+def _refuse(_decoder: Any, *_rest: Any) -> Any:
+    raise ValueError("this tag has no place here")
 
 
-def decode(data: bytes) -> Memory:
-    return cbor2.loads(data)
+class Store:
+    """The folder of one boat's checkpoints.
+
+    Raises OSError if the folder can't be made or written to; BlockingIOError if another process uses it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        self._lock = (folder / "lock").open("wb")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._lock.close()
+            raise
+
+    def close(self) -> None:
+        """Let another process use the folder."""
+        self._lock.close()
+
+    def begin_anew(self) -> None:
+        """Put aside what there is."""
+        for name in _FILES:
+            if (self.folder / name).exists():
+                self._put_aside(name, "earlier")
+
+    def load(self, wanted: Mapping[str, str]) -> list[Checkpoint]:
+        """The sound checkpoints that fit, newest first; the others are put aside, and said to be."""
+        found = []
+        for name in _FILES:
+            path = self.folder / name
+            try:
+                checkpoint = decode(_read(path))
+            except FileNotFoundError:
+                continue
+            except (CheckpointError, OSError) as error:
+                log.error("the checkpoint %s is not used: %s", path, error)
+                self._put_aside(name, "damaged")
+                continue
+            changed = [part for part in wanted if checkpoint.fits.get(part) != wanted[part]]
+            if changed:
+                why = f"what it depends on has changed: {', '.join(changed)}"
+                log.error("the checkpoint %s is not used: %s", path, why)
+                self._put_aside(name, "unfit")
+            else:
+                found.append(checkpoint)
+        return sorted(found, key=lambda checkpoint: -checkpoint.number)
+
+    def reject(self, checkpoint: Checkpoint, why: str) -> None:
+        """Put a checkpoint aside that turned out to be of no use."""
+        name = _FILES[checkpoint.number % 2]
+        log.error("the checkpoint %s is not used: %s", self.folder / name, why)
+        self._put_aside(name, "unfit")
+
+    def save(self, checkpoint: Checkpoint) -> int:
+        """Write a checkpoint in place of the older one, to the disk itself; returns its size. OSError if that fails."""
+        data = encode(checkpoint)
+        write_atomically(self.folder / _FILES[checkpoint.number % 2], data)
+        return len(data)
+
+    def _put_aside(self, name: str, reason: str) -> None:
+        """Keep a file under another name; of those the oldest goes when there are more than eight."""
+        path = self.folder / name
+        aside = sorted(self.folder.glob("*.aside"), key=lambda one: one.stat().st_mtime)
+        for old in aside[: max(0, len(aside) + 1 - _KEPT_ASIDE)]:
+            old.unlink(missing_ok=True)
+        number = 1
+        while (target := self.folder / f"{name}.{reason}-{number}.aside").exists():
+            number += 1
+        try:
+            path.rename(target)
+        except OSError as error:
+            log.error("%s can't be put aside: %s", path, error)
+        else:
+            log.warning("it is kept as %s", target)
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Replace a file so that after any interruption it is the old or the new one, whole. OSError if that fails."""
+    draft = path.with_name(path.name + ".new")
+    with draft.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    draft.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _read(path: Path) -> bytes:
+    with path.open("rb") as file:
+        data = file.read(MAXIMUM_BYTES + 1)
+    if len(data) > MAXIMUM_BYTES:
+        raise CheckpointError(f"it has more than {MAXIMUM_BYTES} bytes")
+    return data
+
+
+class Keeper:
+    """Writes checkpoints in a thread of its own; one that is not written yet gives way to a newer one.
+
+    To be used from one thread. `trouble` is why the last one could not be written, empty if it was.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._waiting: Checkpoint | None = None
+        self._closing = False
+        self._changed = threading.Condition()
+        self.trouble = ""
+        self.written = 0
+        self._thread = threading.Thread(target=self._work, name="checkpoint", daemon=True)
+        self._thread.start()
+
+    def keep(self, checkpoint: Checkpoint) -> None:
+        """Have it written; returns at once."""
+        with self._changed:
+            self._waiting = checkpoint
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Write what waits, and end."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        self._thread.join()
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting is not None or self._closing)
+                checkpoint, self._waiting = self._waiting, None
+            if checkpoint is None:
+                return
+            self._write(checkpoint)
+
+    def _write(self, checkpoint: Checkpoint) -> None:
+        try:
+            size = self._store.save(checkpoint)
+        except (OSError, TypeError, ValueError) as error:
+            if str(error) != self.trouble:
+                log.error("no checkpoint could be written: %s", error)
+            self.trouble = str(error)
+            return
+        self.trouble = ""
+        self.written += 1
+        log.debug("checkpoint %d: %d bytes", checkpoint.number, size)

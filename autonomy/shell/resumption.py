@@ -1,0 +1,353 @@
+"""Going on where an earlier run ended: newest sound checkpoint, the journal's records since, and whatever went wrong.
+
+A record that has crashed the core is tried no second time: it is quarantined, and said to be. If the core crashes
+again and again all the same, what it knows is to blame: then the older checkpoint is taken, and in the end none.
+"""
+
+import json
+import logging
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from autonomy.config import CheckpointSection, Configuration
+from autonomy.core import Core
+from autonomy.memory import UnfitMemoryError
+from autonomy.planning.survey import SurveyArea
+from autonomy.records import Resumed
+from autonomy.shell.checkpoint import Checkpoint, Keeper, Store, fits, write_atomically
+from autonomy.shell.journal import Journal
+from autonomy.shell.journal_files import JournalError, Position, Recorded, read_from
+from autonomy.shell.state_directory import state_directory
+
+log = logging.getLogger(__name__)
+
+CRASHES_PER_CHECKPOINT = 3
+"""So many crashes in a row, none of them after `HEALTHY_S`, and the next older checkpoint is taken."""
+
+HEALTHY_S = 60.0
+REPLAY_S = 30.0
+"""Longest time spent on the journal's records: the service manager waits for the service, the boat for both."""
+
+_QUICK_S = 1.0
+_QUARANTINES_PER_START = 20
+_REMEMBERED_QUARANTINES = 200
+_LONGEST_AWAY_S = 30 * 86400.0
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A time by protocol clock and wall clock, and the boot of the machine in which the former was."""
+
+    now: float
+    utc_s: float
+    boot: str
+
+    @staticmethod
+    def present() -> "Moment":
+        """This moment."""
+        boot = Path("/proc/sys/kernel/random/boot_id")
+        return Moment(time.monotonic(), time.time(), boot.read_text().strip() if boot.exists() else "")
+
+    def since(self, earlier: "Moment") -> float:
+        """Seconds since an earlier moment: by the protocol clock if it ran on, else by the wall clock, at least 0."""
+        same = self.boot == earlier.boot and self.boot != "" and self.now >= earlier.now
+        passed_s = self.now - earlier.now if same else self.utc_s - earlier.utc_s
+        return min(max(0.0, passed_s), _LONGEST_AWAY_S)
+
+
+class Trials:
+    """What went wrong in earlier runs, kept in a file beside the checkpoints."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.crashes = 0
+        """Runs in a row that the core itself has ended early."""
+        self.quarantined: list[Position] = []
+        """Records that have crashed the core."""
+        self._read()
+
+    def crashed(self, at: Position | None) -> None:
+        """The core has raised on the record just before `at`."""
+        self.crashes += 1
+        if at is not None and at not in self.quarantined:
+            self.quarantined = [*self.quarantined, at][-_REMEMBERED_QUARANTINES:]
+        self._write()
+
+    def quarantine(self, at: Position) -> None:
+        """A record has crashed the core in a replay."""
+        self.quarantined = [*self.quarantined, at][-_REMEMBERED_QUARANTINES:]
+        self._write()
+
+    def went_well(self) -> None:
+        """The service has run for a while, or was stopped in order."""
+        if self.crashes:
+            self.crashes = 0
+            self._write()
+
+    def _read(self) -> None:
+        try:
+            content = json.loads(self._path.read_bytes()[: 2**20])
+            self.crashes = int(content["crashes"])
+            self.quarantined = [Position(int(run), int(number)) for run, number in content["quarantined"]]
+        except FileNotFoundError:
+            return
+        except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
+            log.error("%s can't be read and is begun anew: %s", self._path, error)
+            self.crashes, self.quarantined = 0, []
+
+    def _write(self) -> None:
+        rows = [[at.run, at.sequence] for at in self.quarantined]
+        try:
+            write_atomically(self._path, json.dumps({"crashes": self.crashes, "quarantined": rows}).encode())
+        except OSError as error:
+            log.error("%s can't be written: %s", self._path, error)
+
+
+class _PoisonError(Exception):
+    """A record has crashed the core."""
+
+    def __init__(self, at: Position, error: Exception) -> None:
+        super().__init__(f"{type(error).__name__}: {error}")
+        self.at = at
+
+
+class Continuity:
+    """Makes the core of a run, and keeps what it knows for the next one.
+
+    Args:
+        make_core: a new core, which knows nothing.
+        section: where checkpoints are, and how often they are made.
+        store: the checkpoints.
+        wanted: what a checkpoint must fit, see `checkpoint.fits`.
+        journal_folder: of earlier runs; None: checkpoints alone must do.
+    """
+
+    def __init__(
+        self,
+        make_core: Callable[[], Core],
+        section: CheckpointSection,
+        store: Store,
+        wanted: Mapping[str, str],
+        journal_folder: Path | None = None,
+    ) -> None:
+        self._make_core = make_core
+        self._section = section
+        self._store = store
+        self._wanted = wanted
+        self._folder = journal_folder
+        self._trials = Trials(store.folder / "trials.json")
+        self._keeper: Keeper | None = None
+        self._number = 0
+        self._began = time.monotonic()
+        self._position: Position | None = None
+        self._last: Moment | None = None
+        self._slow = False
+        self.core = self._awaken()
+
+    @property
+    def resumed(self) -> Position | None:
+        """The journal's record up to which earlier runs have made the core; None if none have."""
+        return self._position
+
+    @property
+    def period_s(self) -> float:
+        """How often `keep` is to be called."""
+        return self._section.period_s
+
+    @property
+    def trouble(self) -> str:
+        """Why the last checkpoint is not on the disk; empty if it is."""
+        return "" if self._keeper is None else self._keeper.trouble
+
+    def begin(self, journal: Journal | None) -> None:
+        """The run begins now: from here on the core hears of what happens."""
+        self._keeper = Keeper(self._store)
+        present = Moment.present()
+        self._began = present.now
+        if self._last is not None:
+            away_s = present.since(self._last)
+            if journal is not None:
+                journal.resumed(present.now, away_s)
+            self.core.resume(present.now, away_s)
+            log.info("resumed after %.1f s", away_s)
+        # While the core keeps crashing the checkpoints from before it did are not replaced.
+        if self._last is None or (self._slow and not self._trials.crashes):
+            self.keep(journal)
+
+    def keep(self, journal: Journal | None) -> None:
+        """Have written what the core knows, to be called between two events; returns at once."""
+        if self._keeper is None:
+            return
+        present = Moment.present()
+        try:
+            memory = self.core.checkpoint()
+        except TypeError:
+            # A bug, but none that the survey should end for; the last checkpoint and the journal still hold.
+            log.exception("no checkpoint can be made")
+            return
+        self._number += 1
+        self._keeper.keep(
+            Checkpoint(
+                number=self._number,
+                fits=self._wanted,
+                memory=memory,
+                now=present.now,
+                utc_s=present.utc_s,
+                boot=present.boot,
+                position=None if journal is None else journal.position,
+            )
+        )
+        if present.now - self._began >= HEALTHY_S:
+            self._trials.went_well()
+
+    def crashed(self, journal: Journal | None) -> None:
+        """The core has raised on the record just written: it is not tried again."""
+        self._trials.crashed(None if journal is None else journal.position)
+
+    def close(self, *, in_order: bool) -> None:
+        """The run is over; what waits is written."""
+        if in_order:
+            self._trials.went_well()
+        if self._keeper is not None:
+            self._keeper.close()
+
+    def _awaken(self) -> Core:
+        checkpoints = self._store.load(self._wanted)
+        self._number = max((each.number for each in checkpoints), default=0)
+        spoilt = self._trials.crashes // CRASHES_PER_CHECKPOINT
+        for i, checkpoint in enumerate(checkpoints):
+            if i < spoilt:
+                self._store.reject(
+                    checkpoint, f"the service has crashed {self._trials.crashes} times in a row"
+                )
+                continue
+            try:
+                core = self._taken_up(checkpoint)
+            except UnfitMemoryError as error:
+                self._store.reject(checkpoint, f"it does not fit this software: {error}")
+                continue
+            if i:
+                log.error("went on from the older of two checkpoints")
+            return core
+        if spoilt:
+            # A new beginning deserves as many trials as the last one had.
+            self._trials.went_well()
+        log.info("no earlier run is gone on from: nothing is known yet")
+        return self._make_core()
+
+    def _taken_up(self, checkpoint: Checkpoint) -> Core:
+        """The core of a checkpoint after all records since; what crashes it is quarantined on the way."""
+        for _ in range(_QUARANTINES_PER_START):
+            core = self._restored(checkpoint)
+            try:
+                self._replay(core, checkpoint)
+            except _PoisonError as poison:
+                log.error(
+                    "record %d of run %d crashes the core and is left out from now on: %s",
+                    poison.at.sequence,
+                    poison.at.run,
+                    poison,
+                )
+                self._trials.quarantine(poison.at)
+            else:
+                return core
+        log.error("too many records crash the core: all since the checkpoint are left out")
+        return self._restored(checkpoint)
+
+    def _restored(self, checkpoint: Checkpoint) -> Core:
+        core = self._make_core()
+        core.restore(checkpoint.memory)
+        self._position = checkpoint.position
+        self._last = Moment(checkpoint.now, checkpoint.utc_s, checkpoint.boot)
+        return core
+
+    def _replay(self, core: Core, checkpoint: Checkpoint) -> None:
+        """Tell the core what happened since the checkpoint; what it asks for was done, or is too late."""
+        if self._folder is None or checkpoint.position is None or not self._folder.is_dir():
+            return
+        began, count = time.monotonic(), 0
+        try:
+            for recorded in read_from(self._folder, checkpoint.position):
+                if time.monotonic() - began > REPLAY_S:
+                    log.error("%d records were replayed; the rest would take too long and is left out", count)
+                    break
+                self._position = recorded.position
+                if recorded.position in self._trials.quarantined:
+                    log.error("record %d of run %d is quarantined", *_place(recorded.position))
+                    continue
+                self._tell(core, recorded.position, recorded.now, recorded.event)
+                count += 1
+                self._follow(recorded)
+        except (JournalError, OSError) as error:
+            log.error("the journal can't be replayed any further: %s", error)
+        took_s = time.monotonic() - began
+        self._slow = took_s > _QUICK_S
+        log.info("replayed %d records in %.1f s", count, took_s)
+
+    def _tell(self, core: Core, at: Position, now: float, event: object) -> None:
+        try:
+            if isinstance(event, Resumed):
+                core.resume(event.now, event.away_s)
+            else:
+                core.handle(now, event)  # type: ignore[arg-type]
+        except Exception as error:
+            raise _PoisonError(at, error) from error
+
+    def _follow(self, recorded: Recorded) -> None:
+        """This is the last event that the core has heard of."""
+        assert self._last is not None
+        event, now = recorded.event, recorded.now
+        passed_s = event.away_s if isinstance(event, Resumed) else max(0.0, now - self._last.now)
+        self._last = replace(self._last, now=now, utc_s=self._last.utc_s + passed_s)
+
+
+def open_continuity(
+    configuration: Configuration, survey: SurveyArea, environment: Mapping[str, str], *, afresh: bool = False
+) -> tuple[Continuity | None, str]:
+    """What an earlier run has left, and room for what this one will leave, where configuration or environment say.
+
+    Args:
+        configuration: all of it.
+        survey: what its files of polygons said.
+        environment: of the process.
+        afresh: put what was left aside, and begin anew.
+
+    Returns:
+        The continuity, and why there is none although the configuration wants it: better a survey that will not
+        outlive its process than none.
+    """
+    section, journal = configuration.checkpoint, configuration.journal
+    if not section.enabled:
+        log.warning("checkpoint.enabled is false: after a restart nothing will be known")
+        return None, ""
+    try:
+        state = None
+        if section.directory is None or (journal.enabled and journal.directory is None):
+            state = state_directory(configuration.vehicle.name, environment)
+        folder = section.directory or _within(state, "checkpoint")
+        records = (journal.directory or _within(state, "journal")) if journal.enabled else None
+        store = Store(folder)
+        if afresh:
+            store.begin_anew()
+    except BlockingIOError:
+        problem = f"another service keeps its checkpoints in {folder}"
+    except OSError as error:
+        problem = f"{error.filename}: {error.strerror}"
+    except ValueError as error:
+        problem = str(error)
+    else:
+        wanted = fits(configuration, survey)
+        return Continuity(lambda: Core(configuration, survey), section, store, wanted, records), ""
+    log.error("checkpoint: %s: after a restart nothing will be known", problem)
+    return None, f"{problem}: no checkpoints"
+
+
+def _within(state: Path | None, name: str) -> Path:
+    assert state is not None
+    return state / name
+
+
+def _place(position: Position) -> tuple[int, int]:
+    return position.sequence, position.run

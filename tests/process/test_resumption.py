@@ -1,0 +1,114 @@
+"""`autonomy run` killed again and again in a survey: it goes on by itself, with everything that it had learnt.
+
+HALOCLINE_KILLS says how often; then the time that a restart takes is held to its limit too.
+"""
+
+import os
+import re
+import signal
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from at_sea import VEHICLE, VESSEL, configure, operating
+from processes import Processes, Running, free_port, wait_until
+
+from autonomy.commands.configuration import load_with_survey
+from autonomy.core import Core
+from autonomy.learning.field_model import FieldModel
+from autonomy.records import Resumed
+from autonomy.shell.checkpoint import Store, fits
+from autonomy.shell.journal_files import Position, read_from
+from autonomy.shore.subscriber import Subscriber
+
+pytestmark = pytest.mark.process
+
+KILLS = int(os.environ.get("HALOCLINE_KILLS", "4"))
+LIMIT_S = 5.0
+EXPLORING = "exploring: in AUTO under our mission"
+
+
+def samples(shore: Subscriber) -> int:
+    health = shore.latest(VEHICLE).health
+    return 0 if health is None else int(health.samples)
+
+
+def model_after_everything(config: Path, journal: Path) -> FieldModel:
+    """What a core believes that has been told all of the journal, every restart included."""
+    loaded, survey = load_with_survey(str(config), [])
+    core = Core(loaded.configuration, survey)
+    for recorded in read_from(journal, Position(1, 0)):
+        if isinstance(recorded.event, Resumed):
+            core.resume(recorded.event.now, recorded.event.away_s)
+        else:
+            core.handle(recorded.now, recorded.event)
+    return core._learner.model()
+
+
+def model_of_checkpoint(config: Path, folder: Path) -> tuple[FieldModel, int]:
+    loaded, survey = load_with_survey(str(config), [])
+    store = Store(folder)
+    newest = store.load(fits(loaded.configuration, survey))[0]
+    store.close()
+    core = Core(loaded.configuration, survey)
+    core.restore(newest.memory)
+    return core._learner.model(), core._learner.samples
+
+
+def assert_sails_only_what_was_read(service: Running) -> None:
+    """Before the service calls the mission its own it has read it."""
+    before = service.said.partition(EXPLORING)[0]
+    assert re.search(r"our mission is on board|verified on board", before), before
+
+
+@pytest.mark.timeout(60 + 30 * KILLS)
+def test_a_killed_service_goes_on_by_itself(tmp_path: Path) -> None:
+    port, operator, shore_at = free_port(), free_port(), f"tcp/127.0.0.1:{free_port()}"
+    config = configure(
+        tmp_path,
+        f"udpin:127.0.0.1:{port}",
+        [shore_at],
+        journal={"directory": str(tmp_path / "journal")},
+        checkpoint={"directory": str(tmp_path / "kept"), "period_s": 3.0},
+        logging={"level": "debug"},
+    )
+    seed = int(time.time())
+    rng, took_s, missing = np.random.default_rng(seed), [], []
+    print(f"seed {seed}")
+    with Processes() as processes, Subscriber(VEHICLE, listen=[shore_at]) as shore:
+        service = processes.service(config)
+        processes.vessel(
+            *("--listen", f"udpout:127.0.0.1:{port}", "--listen", f"tcp:127.0.0.1:{operator}"), *VESSEL
+        )
+        with operating(f"tcp:127.0.0.1:{operator}"):
+            service.wait_for("re-estimated", 60.0)
+            for _ in range(KILLS):
+                time.sleep(rng.uniform(0.0, 6.0))
+                learnt = samples(shore)
+                service.send(signal.SIGKILL)
+                service.wait()
+                started = time.monotonic()
+                service = processes.service(config)
+                service.wait_for(EXPLORING, 20.0)
+                took_s.append(time.monotonic() - started)
+                assert "nothing is known yet" not in service.said
+                assert "crashes the core" not in service.said
+                assert_sails_only_what_was_read(service)
+                wait_until(lambda: samples(shore) > 0, what="health")
+                wait_until(lambda known=learnt: samples(shore) > known, what="more samples than before")
+                missing.append(service.said.count("plan "))
+            assert service.stop() == 0
+    replayed = model_after_everything(config, tmp_path / "journal")
+    kept, count = model_of_checkpoint(config, tmp_path / "kept")
+    axis = np.linspace(-2000.0, 2000.0, 25)
+    difference = replayed.predict_grid(axis, axis).mean - kept.predict_grid(axis, axis).mean
+    print(f"{count} samples after {KILLS} kills; exploring again after {np.round(took_s, 1)} s")
+    print(f"replay and checkpoint differ by {np.abs(difference).max():.1e}")
+    assert len(kept) > 0
+    assert np.abs(difference).max() <= 1e-9
+    if "HALOCLINE_KILLS" in os.environ:
+        assert max(took_s) <= LIMIT_S
