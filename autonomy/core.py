@@ -10,28 +10,27 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
-import numpy as np
-
 from autonomy import jobs
 from autonomy.config import Configuration
 from autonomy.effects import Effect, Level, SendMessage, StartJob
 from autonomy.events import Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived, StopRequested
 from autonomy.exploration import Decision, Exploration, Figures, Trigger
-from autonomy.geometry import FloatArray
 from autonomy.helm import Helm
 from autonomy.learning.capacity import Budget
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
 from autonomy.learning.transform import transform_of
 from autonomy.mavlink.authority import Command, OnBoard
+from autonomy.mavlink.safeguards import Safeguards
 from autonomy.mavlink.telemetry import Observation
 from autonomy.memory import Memory, UnfitMemoryError, capture, restore
-from autonomy.planning.passage import Unreachable, passage_of
+from autonomy.planning.passage import Unreachable
 from autonomy.planning.plan import Plan
 from autonomy.planning.planners import PlanRequest
 from autonomy.planning.survey import SurveyArea
 from autonomy.reporting import Reporter, Status
 from autonomy.sampling import TOO_CLOSE, Sample, SampleGate
+from autonomy.seaway import Seaway
 
 JOB_RETRY_S = 5.0
 """Pause after a job without a plan, doubled with every further one up to 32 times as long."""
@@ -58,6 +57,18 @@ class State(Enum):
     WAITING_FOR_VEHICLE = "waiting for vehicle"
     EXPLORING = "exploring"
     YIELDED = "yielded"
+    RETURNING = "returning"
+    OBSERVING = "observing"
+
+
+_STATES = {
+    Command.BEFORE_START: State.WAITING_FOR_VEHICLE,
+    Command.DISPLACED: State.YIELDED,
+    Command.YIELDED: State.YIELDED,
+    Command.SENT_HOME: State.RETURNING,
+    Command.RETURNING: State.RETURNING,
+    Command.OBSERVED: State.OBSERVING,
+}
 
 
 @dataclass(frozen=True)
@@ -73,8 +84,8 @@ class Core:
     def __init__(self, configuration: Configuration, survey: SurveyArea) -> None:
         self._configuration = configuration
         self._survey = survey
-        # Built now, not when a way is first needed: it takes a second, and then the vessel is at sea.
-        self._passage = passage_of(survey)
+        self._seaway = Seaway(configuration, survey)
+        self._safeguards: Safeguards | None = None
         self._helm = Helm(configuration, survey.frame)
         self._gate = SampleGate(survey, configuration)
         self._learner = _learner(configuration, survey)
@@ -212,11 +223,16 @@ class Core:
             self._learner.adopt(result.reestimate)
             self._exploration.reestimated(self._helm.model_time_s, len(self._learner.history))
             self._reporter.reestimated(result.reestimate)
-        if result.plan is None:
+        if result.problem is not None:
             self._postpone(now, f"no plan: {result.problem}")
+        if result.plan is None:
             return
         self._look(now)
-        if self._is_wanted():
+        if not self._seaway.is_open(result.plan.route_m):
+            self._reporter.log(
+                Level.INFO, "the new plan is dropped: part of its water has been closed meanwhile"
+            )
+        elif self._is_wanted():
             self._adopt(now, result.plan)
         else:
             self._reporter.log(Level.INFO, f"the new plan is dropped: {self._reason}")
@@ -229,7 +245,7 @@ class Core:
 
     def _adopt(self, now: float, plan: Plan) -> None:
         try:
-            plan = self._joined(plan)
+            plan = self._seaway.joined(plan, self._helm.position_m)
         except Unreachable as error:
             self._postpone(now, f"the new plan can't be joined: {error}")
             return
@@ -238,25 +254,6 @@ class Core:
         self._helm.offer(plan)
         self._reporter.planned(plan, self._plans)
         self._send(self._helm.say(f"halocline: plan {self._plans}, {plan.length_m / 1e3:.1f} km"))
-
-    def _joined(self, plan: Plan) -> Plan:
-        """The plan from where the vessel is now: it may have left the plan's start, and land may lie between.
-
-        Raises:
-            Unreachable: there is no way over water to the plan's first corner.
-        """
-        here = self._helm.position_m
-        if here is None or self._is_free(here, plan.route_m[0]):
-            return plan
-        way = self._passage.path(here, plan.route_m[0])[1:-1]
-        is_spot = np.concatenate([np.zeros(len(way), dtype=bool), plan.is_spot])
-        return replace(plan, start_m=here, route_m=np.vstack([way, plan.route_m]), is_spot=is_spot)
-
-    def _is_free(self, here: FloatArray, corner: FloatArray) -> bool:
-        """Whether the vessel may sail straight to a corner; from within the stand-off only land can forbid it."""
-        if self._survey.is_navigable(here)[0]:
-            return self._survey.leg_is_clear(here, corner)
-        return self._survey.approach_is_clear(here, corner)
 
     def _fail(self, now: float, job_id: int, reason: str) -> None:
         if self._job is None or self._job.job_id != job_id:
@@ -290,6 +287,7 @@ class Core:
         refusal = self._helm.dispatch.take_refusal()
         if refusal is not None:
             self._postpone(now, f"the plan is given up: {refusal}")
+        self._watch_water()
         self._look(now)
         self._watch_leg(now)
         decision = self._decide(now)
@@ -303,17 +301,49 @@ class Core:
             text = f"the model's state had broken: made anew from the history (repair {self._repairs_told})"
             self._reporter.log(Level.ERROR, text)
 
+    def _watch_water(self) -> None:
+        """The autopilot's fence, as it is read, and stalls: they narrow the water that may be sailed."""
+        safeguards, time_s = self._helm.safeguards, self._helm.model_time_s
+        if safeguards is not None and safeguards is not self._safeguards:
+            self._safeguards = safeguards
+            self._reporter.log(Level.INFO, f"the autopilot has {safeguards.summary}")
+            for warning in safeguards.warnings:
+                if warning not in self._explained:
+                    self._reporter.log(Level.WARNING, warning)
+            self._explained.update(safeguards.warnings)
+            if self._seaway.enclose(safeguards):
+                self._replan(Trigger.FENCE)
+                if self._seaway.problem is not None:
+                    self._reporter.log(Level.ERROR, self._seaway.problem)
+        stall = self._helm.take_stall()
+        if stall is not None:
+            lasts_s = self._seaway.give_up(time_s, stall.point_m, stall.waypoint_m)
+            lat_deg, lon_deg = self._survey.frame.to_geodetic(stall.waypoint_m)
+            self._reporter.log(
+                Level.WARNING,
+                f"the boat is in AUTO and does not get to {lat_deg:.5f}, {lon_deg:.5f}: "
+                f"the water there is given up for {lasts_s / 60:.0f} min",
+            )
+            self._send(self._helm.say("halocline: stalled, sails elsewhere"))
+            self._replan(Trigger.STALLED)
+        self._seaway.refresh(time_s)
+
+    def _replan(self, trigger: Trigger) -> None:
+        """A new plan is wanted as soon as one can be made."""
+        self._owed = Decision(trigger, False, trigger.value)
+        self._plan_not_before = 0.0
+
     def _watch_leg(self, now: float) -> None:
         """A mission is sailed from wherever the vessel is when it takes it up: see that no land lies in between."""
         if not self._helm.sailing_ours or self._helm.dispatch.busy or now < self._leg_watch_due:
             return
         self._leg_watch_due = now + LEG_WATCH_S
         active, route = self._helm.dispatch.active, self._helm.remaining_route_m()
-        if active is None or len(route) < 2 or self._survey.approach_is_clear(route[0], route[1]):
+        if active is None or len(route) < 2 or self._seaway.water.approach_is_clear(route[0], route[1]):
             return
         rest = replace(active.plan, route_m=route[1:], is_spot=active.plan.is_spot[1 - len(route) :])
         try:
-            self._helm.offer(self._joined(rest))
+            self._helm.offer(self._seaway.joined(rest, self._helm.position_m))
         except Unreachable as error:
             self._leg_watch_due = now + LEG_ALARM_S
             self._reporter.log(
@@ -328,6 +358,8 @@ class Core:
         state, reason = self._situation(now)
         if (state, reason) != (self._state, self._reason):
             self._reporter.log(Level.INFO, f"{state.value}: {reason}")
+        if state is not self._state and state in (State.YIELDED, State.RETURNING):
+            self._send(self._helm.say(f"halocline: {reason}"))
         if state is not self._state:
             self._exploring_since = now
         self._state, self._reason = state, reason
@@ -342,14 +374,11 @@ class Core:
         permission = self._helm.dispatch.permission(vehicle)
         self._may_upload = permission.allowed
         reason = authority.reason if permission.allowed else permission.reason
-        if authority.command is Command.YIELDED:
-            return State.YIELDED, reason
-        if not authority.survey_started:
-            return State.WAITING_FOR_VEHICLE, reason
-        # A mission that somebody else has put on board, or removed, is his will as much as his mode switch.
-        replaced = authority.on_board in (OnBoard.FOREIGN, OnBoard.EMPTY) and not permission.allowed
-        if replaced:
-            return State.YIELDED, reason
+        if permission.allowed:
+            hindrance = self._helm.unread or self._seaway.problem
+            reason += "" if hindrance is None else f", but {hindrance}"
+        if authority.command is not Command.OURS:
+            return _STATES[authority.command], reason
         if now - max(self._heard_reading, self._exploring_since) > SILENT_SENSOR_S:
             reason += f", but no reading named {self._configuration.sensor.message_name} comes in"
         return State.EXPLORING, reason
@@ -360,6 +389,8 @@ class Core:
         if self._job is not None or now < self._plan_not_before or not self._may_upload:
             return None
         if helm.position_m is None or helm.dispatch.busy:
+            return None
+        if helm.unread is not None or self._seaway.problem is not None:
             return None
         if helm.dispatch.active is None or not helm.authority.survey_started:
             return Decision(Trigger.FIRST_PLAN, False, Trigger.FIRST_PLAN.value)
@@ -399,7 +430,8 @@ class Core:
             seed=seed,
         )
         self._job = _Job(self._jobs_started, decision, now)
-        request = jobs.ExploreRequest(estimate, configuration.planning.planner, plan)
+        restrictions = self._seaway.restrictions
+        request = jobs.ExploreRequest(estimate, configuration.planning.planner, plan, restrictions)
         self._effects.append(
             StartJob(self._jobs_started, jobs.EXPLORE, request, configuration.planning.deadline_s)
         )

@@ -10,7 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.authority import Authority, Command, OnBoard, Permission
+from autonomy.mavlink.authority import Authority, OnBoard, Permission
 from autonomy.mavlink.mission import (
     Failed,
     MissionDownload,
@@ -77,6 +77,9 @@ class MissionDispatch:
         self._unread_failures = 0
         self._refusal: str | None = None
         self._notes: list[Note] = []
+        self._restart = False
+        self.made_current = 0
+        """How often a mission of ours was made the one that is sailed, from its first waypoint on."""
 
     @property
     def busy(self) -> bool:
@@ -89,25 +92,19 @@ class MissionDispatch:
         return self._machine is not None
 
     def permission(self, vehicle: VehicleState) -> Permission:
-        """Whether a mission may be uploaded now, and why (not).
-
-        Whoever replaces or removes a mission of ours means it: his holds, also where `adopt` would let us
-        replace a mission that was there before we came.
-        """
-        permission = self._authority.decide(vehicle)
-        on_board = self._authority.on_board
-        if self._authority.command is Command.YIELDED:
-            return permission
-        if on_board is OnBoard.FOREIGN and self.active is not None:
-            return Permission(False, "somebody has put another mission on board in place of ours")
-        if on_board is OnBoard.EMPTY and self._authority.survey_started:
-            return Permission(False, "somebody has removed the mission from on board")
-        return permission
+        """Whether a mission may be uploaded now, and why (not)."""
+        return self._authority.decide(vehicle)
 
     def offer(self, dispatched: Dispatched) -> None:
         """Make this the plan to bring on board next; an older waiting one is dropped."""
         self._waiting, self._looked = dispatched, False
-        self._failures = 0
+        self._failures, self._restart = 0, False
+
+    def make_current_again(self) -> None:
+        """The vehicle does not sail the active plan, whatever it says: make it current once more."""
+        if self.active is not None and not self.busy:
+            self.offer(self.active)
+            self._restart = True
 
     def drop_waiting(self) -> None:
         """A plan that waits is not wanted any more."""
@@ -150,7 +147,7 @@ class MissionDispatch:
     def step(self, now: float, vehicle: VehicleState, route: Route, time_scale: float) -> list[Any]:
         """Start what can be started and let the running machine keep its deadlines; returns messages to send."""
         self._stepped = now
-        if self._authority.command is Command.YIELDED:
+        if not self._authority.may_transfer:
             return self._withdraw()
         if self._machine is not None:
             deadline = self._machine.next_deadline()
@@ -191,7 +188,7 @@ class MissionDispatch:
             autopilot=vehicle.autopilot,
             make_current=self._authority.in_command,
             on_board=on_board,
-            mission_state=vehicle.mission_state,
+            mission_state=mavlink.MISSION_STATE_COMPLETE if self._restart else vehicle.mission_state,
             time_scale=time_scale,
         )
         return self._machine.start(now)
@@ -234,6 +231,7 @@ class MissionDispatch:
             else:
                 self._failures = 0
                 self._verified(self._sending)
+                self.made_current += machine.makes_current
             self._machine, self._sending = None, None
 
     def _verified(self, sent: Dispatched) -> None:
@@ -287,7 +285,7 @@ class MissionDispatch:
         self._on_board, self._looked = items, True
         on_board = self._judge(items)
         self._authority.mission_read(on_board)
-        if on_board is OnBoard.FOREIGN and changed:
+        if on_board in (OnBoard.FOREIGN, OnBoard.REPLACED) and changed:
             self._waiting = None  # it was not made to replace this one
         if changed:
             self._note(f"{len(items)} waypoints on board: {on_board.value}")
@@ -297,7 +295,10 @@ class MissionDispatch:
             return OnBoard.EMPTY
         if self.active is not None and missions_equal(self.active.items, items):
             return OnBoard.OURS
-        return OnBoard.DAMAGED if self._is_mixture(items) else OnBoard.FOREIGN
+        if self._is_mixture(items):
+            return OnBoard.DAMAGED
+        # Whoever replaces a mission of ours means it, also where one that was there before us may be adopted.
+        return OnBoard.FOREIGN if self.active is None else OnBoard.REPLACED
 
     def _is_mixture(self, items: Mission) -> bool:
         """Whether every item comes from a transfer of ours that ended half-way or from what it was to replace."""

@@ -20,6 +20,8 @@ class Trigger(Enum):
     PATH_FINISHED = "path finished"
     OUTGROWN = "the readings have outgrown the model"
     MAXIMUM_INTERVAL = "maximum interval passed"
+    FENCE = "the autopilot's fence has changed"
+    STALLED = "stalled"
     RESUMED = "the service was away"
 
 

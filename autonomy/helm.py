@@ -4,20 +4,36 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.config import Configuration
 from autonomy.dispatch import Dispatched, MissionDispatch
 from autonomy.geometry import FloatArray, LocalFrame, advance_along
-from autonomy.mavlink.authority import Authority, OnBoard, unsupported
+from autonomy.mavlink.authority import RTL, SMART_RTL, Authority, OnBoard, unsupported
 from autonomy.mavlink.companion import StreamRequests, heartbeat, status_text, wanted_streams
 from autonomy.mavlink.mission import Route, time_scale, waypoint
+from autonomy.mavlink.safeguards import NOT_READ, Safeguards, SafeguardsReading
 from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
 from autonomy.notes import AutopilotWords, Note
+from autonomy.orders import Orders
 from autonomy.planning.plan import Plan
 from autonomy.progress import Progress
+from autonomy.stall import ClosingWatch, StallWatch
 from autonomy.track import Track
 
 HEARTBEAT_S = 1.0
+
+
+DOUBTS = 2
+"""So often a mission that isn't sailed is made current again; then the boat counts as stalled."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stall:
+    """The boat does not get from `point_m` to `waypoint_m`, both of shape (2,)."""
+
+    point_m: FloatArray
+    waypoint_m: FloatArray
 
 
 @dataclass(frozen=True)
@@ -47,7 +63,7 @@ class Helm:
             vehicle_system_id=configuration.mavlink.system_id,
             link_timeout_s=configuration.mavlink.link_timeout_s,
         )
-        self.authority = Authority(adopt=configuration.mavlink.adopt)
+        self.authority = _authority(configuration)
         self.dispatch = MissionDispatch(self.authority)
         self._track = Track()
         self._streams: StreamRequests | None = None
@@ -56,6 +72,14 @@ class Helm:
         self._heartbeats_before = 0
         self._progress = Progress()
         self._words = AutopilotWords()
+        self._safeguards: SafeguardsReading | None = None
+        self._safeguards_of = 0
+        self._orders = Orders(_return_mode(configuration))
+        self._stall_watch = StallWatch(configuration.exploration.stall_s, configuration.exploration.stall_m)
+        self._stall: Stall | None = None
+        self._closing = ClosingWatch()
+        self._made_current = 0
+        self._doubts = 0
 
     @property
     def state(self) -> VehicleState | None:
@@ -130,7 +154,26 @@ class Helm:
 
     def take_notes(self, now: float) -> list[Note]:
         """What happened, and what the autopilot wrote to its operator, since the last call, for the log."""
-        return self.dispatch.take_notes() + self._words.notes(now, self.telemetry.take_texts())
+        return (
+            self.dispatch.take_notes()
+            + self._orders.take_notes()
+            + self._words.notes(now, self.telemetry.take_texts())
+        )
+
+    @property
+    def safeguards(self) -> Safeguards | None:
+        """The autopilot's fence, rally points and failsafes, as last read."""
+        return None if self._safeguards is None else self._safeguards.known
+
+    @property
+    def unread(self) -> str | None:
+        """Why the fence in force is not known; None if it is."""
+        return NOT_READ if self._safeguards is None else self._safeguards.problem
+
+    def take_stall(self) -> Stall | None:
+        """Where the boat has stalled since the last call."""
+        stall, self._stall = self._stall, None
+        return stall
 
     def link_changed(self) -> None:
         """The transport opened or closed, or the vehicle started again: what was under way is void."""
@@ -144,6 +187,7 @@ class Helm:
         """
         self._heartbeats_before = 0 if self.state is None else self.state.heartbeats
         self._heartbeat_due, self._conversing = 0.0, False
+        self._safeguards_of = -1  # to be read again
         self.link_changed()
         return self.dispatch.busy
 
@@ -164,6 +208,11 @@ class Helm:
         replies = [] if self._streams is None else self._streams.handle(now, message)
         talking = self.dispatch.talking
         replies += self.dispatch.handle(now, message)
+        self._orders.handle(message)
+        if self._safeguards is not None and self.authority.may_transfer:
+            unread = self.unread
+            replies += self._safeguards.handle(now, message)
+            talking = talking or self.unread != unread
         return Heard(observations, replies, news=bool(state is not before or reached or talking))
 
     def step(self, now: float) -> list[Any]:
@@ -182,19 +231,41 @@ class Helm:
             self.link_changed()
             self._conversing = True
         route = Route(state.system_id, self._mavlink.component_id, state.system_id, state.component_id)
+        if self.authority.may_speak:
+            sent += self._ask_streams(now, route, scale)
+        if self.authority.may_transfer:
+            sent += self._read_safeguards(now, state, route, scale)
+        if not self.dispatch.busy:
+            sent += self._orders.step(now, self.authority.action, route, scale)
+        return sent + self.dispatch.step(now, state, route, scale)
+
+    def _ask_streams(self, now: float, route: Route, scale: float) -> list[Any]:
+        sent = []
         if self._streams is None:
             streams = wanted_streams(self._mavlink.position_rate_hz)
             self._streams = StreamRequests(streams, route, time_scale=scale)
             sent += self._streams.start(now)
-        sent += self._streams.on_deadline(now)
-        return sent + self.dispatch.step(now, state, route, scale)
+        return sent + self._streams.on_deadline(now)
+
+    def _read_safeguards(self, now: float, state: VehicleState, route: Route, scale: float) -> list[Any]:
+        """Read fence, rally points and failsafes; anew after each reboot, which may have brought others."""
+        if self._safeguards is not None and self._safeguards_of == self.telemetry.clock_breaks:
+            return self._safeguards.step(now)
+        self._safeguards = SafeguardsReading(route, autopilot=state.autopilot, time_scale=scale)
+        self._safeguards_of = self.telemetry.clock_breaks
+        return self._safeguards.start(now)
 
     def next_deadline(self) -> float:
         """When `step` must be called at the latest."""
         if not self._conversing:
             return self._heartbeat_due
-        asked = None if self._streams is None else self._streams.next_deadline()
-        deadlines = [self._heartbeat_due, asked, self.dispatch.next_deadline()]
+        deadlines = [self._heartbeat_due, self.dispatch.next_deadline()]
+        if self._streams is not None and self.authority.may_speak:
+            deadlines.append(self._streams.next_deadline())
+        if self._safeguards is not None and self.authority.may_transfer:
+            deadlines.append(self._safeguards.next_deadline())
+        if not self.dispatch.busy:
+            deadlines.append(self._orders.next_deadline())
         return min(deadline for deadline in deadlines if deadline is not None)
 
     def _follow(self, message: Any, state: VehicleState) -> None:
@@ -205,8 +276,41 @@ class Helm:
             assert state.lat_deg is not None
             assert state.lon_deg is not None
             self._track.follow(state.model_time_s, self._frame.to_local(state.lat_deg, state.lon_deg))
+            self._watch(state.model_time_s, state)
         elif kind == "MISSION_CURRENT":
             self.dispatch.compare(state)
+
+    def _watch(self, time_s: float, state: VehicleState) -> None:
+        """See that the boat gets on, and that it makes for the first waypoint of a mission made current."""
+        if self.dispatch.made_current != self._made_current:
+            self._made_current = self.dispatch.made_current
+            self._closing.begin(self.dispatch.active)
+        active, k = self.dispatch.active, (state.mission_current or 1) - 1
+        idle = state.mission_state not in (mavlink.MISSION_STATE_UNKNOWN, mavlink.MISSION_STATE_ACTIVE)
+        if not self.sailing_ours or self.path_finished or active is None or self.position_m is None:
+            self._stall_watch.rest()
+            self._closing.rest()
+            return
+        distance_m = float(np.hypot(*(active.plan.route_m[0] - self.position_m)))
+        reached = self.dispatch.reached == 1 or distance_m <= 2.0 * self._mavlink.acceptance_radius_m
+        if self._closing.follow(time_s, distance_m, reached=reached):
+            self._doubt(active.plan.route_m[0])
+        elif not self._closing.open:
+            self._doubts = 0
+        if idle or k >= len(active.plan.route_m):
+            self._stall_watch.rest()
+        elif self._stall_watch.follow(time_s, self.position_m, (self._made_current, k)):
+            self._stall = Stall(self.position_m, active.plan.route_m[k])
+
+    def _doubt(self, waypoint_m: FloatArray) -> None:
+        """The boat does not make for the mission's first waypoint."""
+        self._doubts += 1
+        if self._doubts <= DOUBTS:
+            self.dispatch.make_current_again()
+            return
+        assert self.position_m is not None
+        self._doubts = 0
+        self._stall = Stall(self.position_m, waypoint_m)
 
     def _count_reached(self, message: Any, state: VehicleState, numbers: list[int]) -> None:
         self._progress.begin(self.dispatch.active)
@@ -215,3 +319,18 @@ class Helm:
         if message.get_type() == "MISSION_CURRENT":
             certain.append(self._progress.told(current, state.mission_state))
         self.dispatch.reached = max([self.dispatch.reached, *certain])
+
+
+def _authority(configuration: Configuration) -> Authority:
+    section = configuration.authority
+    return Authority(
+        adopt=configuration.mavlink.adopt,
+        mode=section.mode,
+        resume=section.resume,
+        return_mode=_return_mode(configuration),
+        return_battery=section.return_battery if section.mode == "full" else None,
+    )
+
+
+def _return_mode(configuration: Configuration) -> int:
+    return SMART_RTL if configuration.authority.return_mode == "smart_rtl" else RTL

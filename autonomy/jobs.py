@@ -6,7 +6,8 @@ from typing import Any
 from autonomy.learning.rebuild import Reestimate, ReestimateRequest, reestimate
 from autonomy.planning.plan import Plan
 from autonomy.planning.planners import PLANNERS, PlanningError, PlanRequest
-from autonomy.planning.survey import SurveyArea
+from autonomy.planning.restrictions import UNRESTRICTED, Restrictions, restricted
+from autonomy.planning.survey import SurveyArea, SurveyError
 
 EXPLORE = "explore"
 
@@ -18,12 +19,15 @@ class ExploreRequest:
     Attributes:
         reestimate: what the re-estimate needs, or None to plan with the model in `plan`.
         planner: name of the planner.
-        plan: the planning problem; its model is replaced by the re-estimated one, if there is one.
+        plan: the planning problem; its model is replaced by the re-estimated one, if there is one. None: re-estimate
+            only.
+        restrictions: what narrows the survey's water for the plan.
     """
 
     reestimate: ReestimateRequest | None
     planner: str
-    plan: PlanRequest
+    plan: PlanRequest | None
+    restrictions: Restrictions = UNRESTRICTED
 
 
 @dataclass(frozen=True)
@@ -38,10 +42,15 @@ class ExploreResult:
 def explore(request: ExploreRequest, survey: SurveyArea) -> ExploreResult:
     """Re-estimate, rebuild the model, plan. A failed plan does not cost the re-estimate."""
     estimate = reestimate(request.reestimate) if request.reestimate is not None else None
-    problem = request.plan if estimate is None else replace(request.plan, model=estimate.gp.model())
+    problem = request.plan
+    if problem is None:
+        return ExploreResult(estimate, None, None)
+    if estimate is not None:
+        problem = replace(problem, model=estimate.gp.model())
     try:
-        return ExploreResult(estimate, PLANNERS[request.planner](problem, survey), None)
-    except PlanningError as error:
+        water = restricted(survey, request.restrictions)
+        return ExploreResult(estimate, PLANNERS[request.planner](problem, water), None)
+    except (PlanningError, SurveyError) as error:
         return ExploreResult(estimate, None, str(error))
 
 

@@ -43,11 +43,15 @@ _SEQUENCES: Mapping[type, str] = {list: "list", set: "set", frozenset: "frozense
 SETTINGS: Mapping[str, frozenset[str]] = {
     name: frozenset(attributes.split())
     for name, attributes in {
-        "autonomy.core.Core": "_configuration _survey _passage",
+        "autonomy.core.Core": "_configuration _survey",
+        "autonomy.seaway.Seaway": "_survey _margin_m",
+        "autonomy.stall.StallWatch": "_stall_s _stall_m",
+        "autonomy.stall.GivenUp": "_give_up_s _least_m",
+        "autonomy.orders.Orders": "_return_mode",
         "autonomy.helm.Helm": "_mavlink _frame",
         "autonomy.mavlink.telemetry.Telemetry": "_sensor_name _wanted_system_id _link_timeout_s _handlers",
         "autonomy.mavlink.pairing.Pairing": "_gap_s",
-        "autonomy.mavlink.authority.Authority": "_adopt",
+        "autonomy.mavlink.authority.Authority": "_adopt _table _return_mode _return_battery",
         "autonomy.sampling.SampleGate": "_survey _sampling _transform _allowed",
         "autonomy.quality.stream.QualityControl": "_section _fail_span",
         "autonomy.quality.location.Location": "_waters _maximum_speed_mps",

@@ -114,6 +114,32 @@ class MavlinkSection(Section):
     )
 
 
+class AuthoritySection(Section):
+    """Who has the boat, and what we may do with it."""
+
+    mode: Literal["missions", "full", "observe"] = Field(
+        default="missions",
+        description="missions: upload missions and make them current, in AUTO; full: also select AUTO, arm, and send "
+        "the boat home; observe: send nothing but heartbeats and words to the operator, only learn and publish",
+    )
+    resume: Literal["when_auto_again", "never"] = Field(
+        default="when_auto_again",
+        description="how a boat that was taken from us (mode, failsafe, disarmed, another mission) is given back: by "
+        "selecting AUTO, or not before the service is set up anew",
+    )
+    return_mode: Literal["rtl", "smart_rtl"] = Field(
+        default="rtl", description="the autopilot's mode that brings the boat home (mode full)"
+    )
+    return_battery: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] | None = Field(
+        default=0.25,
+        description="charge with which the boat is sent home, once (mode full); null: never",
+        json_schema_extra={"unit": "of the full charge"},
+    )
+    fence_margin_m: NonNegative = Field(
+        default=20.0, description="distance kept from the autopilot's fence, inside it"
+    )
+
+
 class SensorSection(Section):
     """The probe, as it names itself on the link."""
 
@@ -460,6 +486,16 @@ class ExplorationSection(Section):
         description="re-estimate when the readings vary this many times more than the model's signal variance says "
         "and their history has doubled since the last re-estimate; null: never",
     )
+    stall_s: Positive | None = Field(
+        default=60.0,
+        description="model time without getting anywhere, in AUTO under our mission, after which the boat counts as "
+        "stalled and the water behind the stall is given up for a while; null: never",
+    )
+    stall_m: Positive = Field(default=8.0, description="moving less than this is not getting anywhere")
+    give_up_s: Positive = Field(
+        default=1800.0,
+        description="model time for which water behind a stall is given up; doubled when the boat stalls there again",
+    )
     reestimate_on_path_end: bool = Field(
         default=True,
         description="whether the end of a path brings a re-estimate, or only a new path",
@@ -576,6 +612,7 @@ class Configuration(Section):
 
     vehicle: VehicleSection = VehicleSection()
     mavlink: MavlinkSection = MavlinkSection()
+    authority: AuthoritySection = AuthoritySection()
     sensor: SensorSection = SensorSection()
     survey: SurveySection
     sampling: SamplingSection = SamplingSection()

@@ -1,13 +1,15 @@
-"""Who has the boat: the operator, the autopilot's failsafes, or we."""
+"""Who has the boat: the operator, the autopilot's failsafes, or we. `TABLE` is the whole of it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.mavlink.telemetry import VehicleState
 
-AUTO = 10
+HOLD, AUTO, RTL, SMART_RTL = 4, 10, 11, 12
 ROVER_MODES = {
     0: "MANUAL",
     1: "ACRO",
@@ -26,6 +28,9 @@ ROVER_MODES = {
 }
 _ROVERS = (mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_TYPE_SURFACE_BOAT)
 
+Mode = Literal["missions", "full", "observe"]
+Resume = Literal["when_auto_again", "never"]
+
 
 def mode_name(custom_mode: int) -> str:
     """The name ArduPilot Rover gives to a mode."""
@@ -40,6 +45,7 @@ class OnBoard(Enum):
     OURS = "our mission is on board"
     DAMAGED = "an upload of ours failed half-way"
     FOREIGN = "a mission we don't know is on board"
+    REPLACED = "somebody has put another mission on board in place of ours"
 
 
 class Command(Enum):
@@ -47,17 +53,168 @@ class Command(Enum):
 
     BEFORE_START = "the operator, who has not started the survey yet"
     OURS = "we"
+    DISPLACED = "whoever has put his mission in place of ours"
+    SENT_HOME = "we, and it has been told to return"
+    RETURNING = "the autopilot, which brings it home because we asked for it"
     YIELDED = "the operator or a failsafe"
+    OBSERVED = "somebody else: we only look on"
 
 
-class Situation(Enum):
-    """What the vehicle is doing, as far as command goes."""
+class Event(Enum):
+    """What the vehicle is doing, as far as command goes; the first that applies."""
 
-    UNSUPPORTED = "unsupported"
-    FAILSAFE = "failsafe"
-    IN_AUTO = "in AUTO, armed"
+    UNSUPPORTED = "no ArduPilot Rover"
+    FAILSAFE = "system status critical or worse"
+    REBOOTED = "first heartbeat since its clock began anew, disarmed"
+    CLEARED = "not in AUTO, and no mission is on board"
+    HOMEWARD = "in the mode that brings it home"
+    READY = "not in AUTO, disarmed or in HOLD, sure of its position, our mission verified on board"
+    ELSEWHERE = "in any other mode but AUTO"
+    READY_IN_AUTO = "in AUTO, disarmed, sure of its position, our mission verified on board"
     DISARMED = "in AUTO, disarmed"
-    OTHER_MODE = "in another mode"
+    OTHERS = "in AUTO, armed, with a mission on board that is somebody else's, or none"
+    LOW = "in AUTO, armed, our mission, and the battery has fallen to the share with which it shall return"
+    OURS = "in AUTO, armed, our mission (or `adopt`, and it never was ours)"
+    UNCERTAIN = "in AUTO, armed, the mission on board not read, or damaged by an upload of ours"
+
+
+class Action(Enum):
+    """What we may do."""
+
+    LISTEN = "send nothing but heartbeats and words to the operator"
+    READ = "read what is on board, too"
+    PREPARE = "put a mission on board, once; again only if that failed"
+    SELECT_AUTO = "as PREPARE, and select AUTO"
+    ARM = "as PREPARE, and arm"
+    SAIL = "replace our mission, and make it current"
+    GO_HOME = "select the mode that brings it home"
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One cell of the table: who has the boat now, what we may do, and how that is said."""
+
+    after: Command
+    action: Action
+    reason: str
+
+
+_B, _O, _D, _S, _R, _Y = (
+    Command.BEFORE_START,
+    Command.OURS,
+    Command.DISPLACED,
+    Command.SENT_HOME,
+    Command.RETURNING,
+    Command.YIELDED,
+)
+_E, _A = Event, Action
+_STRANGE = "{unsupported}"
+_FAILSAFE = "a failsafe has the boat (system status {status})"
+_TAKEN = "the operator has the boat ({mode}{disarmed}): we wait for AUTO"
+_WAIT = "waiting for the operator to arm and select AUTO ({mode})"
+_UNDER_WAY = "in AUTO under our mission"
+_MISSION = "{on_board}"
+_HOME = "on its way home ({mode})"
+_SENDING = "the battery is at {battery}: the boat is told to return"
+
+TABLE: Mapping[tuple[Command, Event], Rule] = {
+    # Before the survey was started: a mission waits on board, or we wait for leave to put one there.
+    (_B, _E.UNSUPPORTED): Rule(_B, _A.LISTEN, _STRANGE),
+    (_B, _E.FAILSAFE): Rule(_B, _A.READ, _FAILSAFE),
+    (_B, _E.REBOOTED): Rule(_B, _A.PREPARE, _WAIT),
+    (_B, _E.CLEARED): Rule(_B, _A.PREPARE, _WAIT),
+    (_B, _E.READY): Rule(_B, _A.PREPARE, _WAIT),
+    (_B, _E.HOMEWARD): Rule(_B, _A.PREPARE, _WAIT),
+    (_B, _E.ELSEWHERE): Rule(_B, _A.PREPARE, _WAIT),
+    (_B, _E.READY_IN_AUTO): Rule(_B, _A.READ, _WAIT),
+    (_B, _E.DISARMED): Rule(_B, _A.READ, _WAIT),
+    (_B, _E.OTHERS): Rule(_B, _A.READ, _MISSION),
+    (_B, _E.LOW): Rule(_O, _A.SAIL, _UNDER_WAY),
+    (_B, _E.OURS): Rule(_O, _A.SAIL, _UNDER_WAY),
+    (_B, _E.UNCERTAIN): Rule(_B, _A.PREPARE, _MISSION),
+    # We have the boat: anything but AUTO, armed, under our mission ends that at once.
+    (_O, _E.UNSUPPORTED): Rule(_Y, _A.LISTEN, _STRANGE),
+    (_O, _E.FAILSAFE): Rule(_Y, _A.LISTEN, _FAILSAFE),
+    (_O, _E.REBOOTED): Rule(_B, _A.PREPARE, _WAIT),
+    # AUTO is refused without a mission: who has cleared it could not give the boat back otherwise.
+    (_O, _E.CLEARED): Rule(_B, _A.PREPARE, _WAIT),
+    (_O, _E.READY): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_O, _E.HOMEWARD): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_O, _E.ELSEWHERE): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_O, _E.READY_IN_AUTO): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_O, _E.DISARMED): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_O, _E.OTHERS): Rule(_D, _A.READ, _MISSION),
+    (_O, _E.LOW): Rule(_O, _A.SAIL, _UNDER_WAY),
+    (_O, _E.OURS): Rule(_O, _A.SAIL, _UNDER_WAY),
+    (_O, _E.UNCERTAIN): Rule(_O, _A.SAIL, _UNDER_WAY),
+    # In AUTO, but the mission on board is another station's: it holds, and we go on reading what is there.
+    (_D, _E.UNSUPPORTED): Rule(_Y, _A.LISTEN, _STRANGE),
+    (_D, _E.FAILSAFE): Rule(_Y, _A.LISTEN, _FAILSAFE),
+    (_D, _E.REBOOTED): Rule(_B, _A.PREPARE, _WAIT),
+    (_D, _E.CLEARED): Rule(_B, _A.PREPARE, _WAIT),
+    (_D, _E.READY): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_D, _E.HOMEWARD): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_D, _E.ELSEWHERE): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_D, _E.READY_IN_AUTO): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_D, _E.DISARMED): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_D, _E.OTHERS): Rule(_D, _A.READ, _MISSION),
+    (_D, _E.LOW): Rule(_O, _A.SAIL, _UNDER_WAY),
+    (_D, _E.OURS): Rule(_O, _A.SAIL, _UNDER_WAY),
+    (_D, _E.UNCERTAIN): Rule(_D, _A.READ, _MISSION),
+    # Yielded: silence, until AUTO is back.
+    (_Y, _E.UNSUPPORTED): Rule(_Y, _A.LISTEN, _STRANGE),
+    (_Y, _E.FAILSAFE): Rule(_Y, _A.LISTEN, _FAILSAFE),
+    (_Y, _E.REBOOTED): Rule(_B, _A.PREPARE, _WAIT),
+    (_Y, _E.CLEARED): Rule(_B, _A.PREPARE, _WAIT),
+    (_Y, _E.READY): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_Y, _E.HOMEWARD): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_Y, _E.ELSEWHERE): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_Y, _E.READY_IN_AUTO): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_Y, _E.DISARMED): Rule(_Y, _A.LISTEN, _TAKEN),
+    (_Y, _E.OTHERS): Rule(_D, _A.READ, _MISSION),
+    (_Y, _E.LOW): Rule(_O, _A.SAIL, _UNDER_WAY),
+    (_Y, _E.OURS): Rule(_O, _A.SAIL, _UNDER_WAY),
+    (_Y, _E.UNCERTAIN): Rule(_O, _A.SAIL, _UNDER_WAY),
+}
+"""`authority.mode: missions`, `authority.resume: when_auto_again`: every state and event has its line."""
+
+_FULL: Mapping[tuple[Command, Event], Rule] = {
+    (_B, _E.READY): Rule(_B, _A.SELECT_AUTO, "AUTO is being selected ({mode})"),
+    (_B, _E.READY_IN_AUTO): Rule(_B, _A.ARM, "the boat is being armed"),
+    (_O, _E.LOW): Rule(_S, _A.GO_HOME, _SENDING),
+    # Told to return, and still in AUTO: told again. Any mode but the one it was told is the operator's.
+    **{(_S, event): rule for (before, event), rule in TABLE.items() if before is _O},
+    **{(_S, event): Rule(_S, _A.GO_HOME, _SENDING) for event in (_E.OTHERS, _E.OURS, _E.UNCERTAIN, _E.LOW)},
+    (_S, _E.HOMEWARD): Rule(_R, _A.LISTEN, _HOME),
+    # On its way: whoever selects another mode has the boat, and AUTO gives it back to us.
+    **{(_R, event): rule for (before, event), rule in TABLE.items() if before is _Y},
+    (_R, _E.HOMEWARD): Rule(_R, _A.LISTEN, _HOME),
+    (_R, _E.CLEARED): Rule(_R, _A.LISTEN, _HOME),
+}
+"""What is different with `authority.mode: full`."""
+
+_NEVER: Mapping[tuple[Command, Event], Rule] = {
+    **{(before, event): Rule(_Y, _A.LISTEN, "the boat was taken, and stays taken (authority.resume: never)")
+       for before in (_Y, _D) for event in Event},
+    (_Y, _E.UNSUPPORTED): Rule(_Y, _A.LISTEN, _STRANGE),
+    (_Y, _E.FAILSAFE): Rule(_Y, _A.LISTEN, _FAILSAFE),
+}  # fmt: skip
+"""What is different with `authority.resume: never`."""
+
+_OBSERVE: Mapping[tuple[Command, Event], Rule] = {
+    (Command.OBSERVED, event): Rule(
+        Command.OBSERVED, Action.LISTEN, "looking on ({mode}{disarmed}): authority.mode is observe"
+    )
+    for event in Event
+}
+"""All there is with `authority.mode: observe`."""
+
+
+def table_of(mode: Mode, resume: Resume) -> Mapping[tuple[Command, Event], Rule]:
+    """The table in force under a configuration."""
+    if mode == "observe":
+        return _OBSERVE
+    return {**TABLE, **(_FULL if mode == "full" else {}), **(_NEVER if resume == "never" else {})}
 
 
 @dataclass(frozen=True)
@@ -68,74 +225,75 @@ class Permission:
     reason: str
 
 
-_B, _O, _Y = Command.BEFORE_START, Command.OURS, Command.YIELDED
-_NEXT = {
-    (_B, Situation.OTHER_MODE): _B,
-    (_B, Situation.DISARMED): _B,
-    (_B, Situation.FAILSAFE): _B,
-    (_B, Situation.UNSUPPORTED): _B,
-    (_B, Situation.IN_AUTO): _O,  # only with a mission that is ours, see `observe`
-    (_O, Situation.OTHER_MODE): _Y,
-    (_O, Situation.DISARMED): _Y,
-    (_O, Situation.FAILSAFE): _Y,
-    (_O, Situation.UNSUPPORTED): _Y,
-    (_O, Situation.IN_AUTO): _O,
-    (_Y, Situation.OTHER_MODE): _Y,
-    (_Y, Situation.DISARMED): _Y,
-    (_Y, Situation.FAILSAFE): _Y,
-    (_Y, Situation.UNSUPPORTED): _Y,
-    (_Y, Situation.IN_AUTO): _O,
-}
-
-
 class Authority:
-    """Keeps track of who has the boat and says when a mission may be uploaded.
+    """Follows who has the boat along the table, and says what we may do and why.
 
-    Theory of operation.
+    Args:
+        adopt: whether a mission we don't know may be replaced before the first AUTO; it then counts as ours. One
+            that came in place of ours never does.
+        mode: what we may do at all.
+        resume: how a boat that was taken is given back.
+        return_mode: the autopilot's mode that brings the boat home.
+        return_battery: share of the charge with which it returns (mode `full`); None: never.
 
-        command       AUTO and armed                     anything else
-        BEFORE_START  OURS, if the mission is ours [a]   BEFORE_START
-        OURS          OURS                               YIELDED: the operator (or a failsafe) has the boat
-        YIELDED       OURS                               YIELDED; out of AUTO without any mission: BEFORE_START [b]
-
-    [a] Or if `adopt`, which takes a mission we don't know as permission to replace it.
-
-    [b] AUTO is refused without a mission: an operator who has cleared it out of AUTO and wants the survey to go on
-    could not give the boat back otherwise.
-
-    A reboot of the vehicle leads back to BEFORE_START: it comes up disarmed, in a mode nobody has chosen, perhaps
+    A reboot leads back to BEFORE_START: the vehicle comes up disarmed, in a mode nobody has chosen, perhaps
     without its mission, and then no operator could select AUTO. A clock alone is a poor witness of that, and
     BEFORE_START allows an upload: so the first heartbeat after the clock started again decides. If it is armed
     (the clock was wrong, or the vehicle was armed again before we heard of it), nothing changes: whoever has the
     boat keeps it, and AUTO gives it to us as ever. A vehicle that is armed from boot on (ARMING_REQUIRE 0) and
     has lost its mission needs its operator, or a restart of the service.
 
-    An upload is allowed
-      BEFORE_START, not in AUTO: once, if the mission on board is empty or ours (or `adopt`); again only if an
-                                 upload failed, since that leaves a damaged mission;
-      BEFORE_START, in AUTO:     with `adopt` only (with our mission the command is OURS at once);
-      OURS:                      while the mission on board is still ours, or was damaged by us (or `adopt`);
-      YIELDED:                   never.
+    `full` starts the boat only as long as nobody has ever taken it from us: after that the operator starts it.
+    It is sent home once; an operator who selects AUTO after that has decided otherwise.
     """
 
-    def __init__(self, adopt: bool) -> None:
+    def __init__(
+        self,
+        adopt: bool,
+        mode: Mode = "missions",
+        resume: Resume = "when_auto_again",
+        return_mode: int = RTL,
+        return_battery: float | None = None,
+    ) -> None:
         self._adopt = adopt
+        self._table = table_of(mode, resume)
+        self._return_mode = return_mode
+        self._return_battery = return_battery
         self._waiting_on_board = False
         self._reboots = 0
         self._decisive_heartbeat: int | None = None
-        self.command = Command.BEFORE_START
+        self._ever_taken = False
+        self._ever_sent_home = False
+        self._ever_armed = False
+        self.command = Command.OBSERVED if mode == "observe" else Command.BEFORE_START
+        self.action = Action.LISTEN
         self.on_board = OnBoard.UNREAD
         self.reason = "waiting for the vehicle"
 
     @property
     def survey_started(self) -> bool:
-        """Whether the vehicle has been in AUTO, armed, under our mission (since its last reboot or cleared mission)."""
+        """Whether the vehicle has been in AUTO, armed, under our mission (since its last reboot or cleared mission).
+
+        While we only look on: whether it has been armed.
+        """
+        if self.command is Command.OBSERVED:
+            return self._ever_armed
         return self.command is not Command.BEFORE_START
 
     @property
     def in_command(self) -> bool:
         """Whether we have the boat: it is in AUTO, armed, under our mission."""
         return self.command is Command.OURS
+
+    @property
+    def may_speak(self) -> bool:
+        """Whether anything may be asked of the vehicle at all."""
+        return self.action is not Action.LISTEN
+
+    @property
+    def may_transfer(self) -> bool:
+        """Whether the mission on board may be read, if nothing more."""
+        return self.action not in (Action.LISTEN, Action.GO_HOME)
 
     def mission_read(self, on_board: OnBoard) -> None:
         """The mission on board was read, or is known to have changed."""
@@ -153,83 +311,105 @@ class Authority:
 
     def observe(self, state: VehicleState) -> None:
         """Follow the vehicle's mode, arming, status and reboots."""
-        self._follow_reboots(state)
-        situation = _situation(state)
-        after = _NEXT[self.command, situation]
-        if self.command is Command.BEFORE_START and after is Command.OURS and not self._may_take_over():
-            after = Command.BEFORE_START
-        cleared = state.mission_state == mavlink.MISSION_STATE_NO_MISSION
-        if after is Command.YIELDED and situation is Situation.OTHER_MODE and cleared:
-            after, self._waiting_on_board = Command.BEFORE_START, False
-        self.command = after
-        self.reason = self._explain(state, situation)
-
-    def _follow_reboots(self, state: VehicleState) -> None:
-        if state.reboots != self._reboots:
-            self._reboots = state.reboots
-            self._decisive_heartbeat = state.heartbeats + 1
-        if self._decisive_heartbeat is None or state.heartbeats < self._decisive_heartbeat:
-            return
-        self._decisive_heartbeat = None
-        if not state.armed:
-            self._waiting_on_board = False
-            self.command = Command.BEFORE_START
+        self._ever_armed = self._ever_armed or state.armed
+        event = self._event(state)
+        rule = self._table[self.command, event]
+        if event in (Event.REBOOTED, Event.CLEARED) and rule.after is Command.BEFORE_START:
+            if event is Event.REBOOTED or self.command is not Command.BEFORE_START:
+                self._waiting_on_board = False
+            rule = self._table[Command.BEFORE_START, self._present(state)]
+        self.command, self.action = rule.after, rule.action
+        self._ever_taken = self._ever_taken or rule.after in (Command.YIELDED, Command.DISPLACED)
+        self._ever_sent_home = self._ever_sent_home or rule.after is Command.SENT_HOME
+        self.reason = self._say(rule.reason, state)
 
     def decide(self, state: VehicleState) -> Permission:
         """Whether a mission may be uploaded to the vehicle in this state."""
         self.observe(state)
-        situation = _situation(state)
-        if situation in (Situation.UNSUPPORTED, Situation.FAILSAFE) or self.command is Command.YIELDED:
+        sailing = self.action is Action.SAIL
+        if not sailing and self.action not in (Action.PREPARE, Action.SELECT_AUTO, Action.ARM):
             return Permission(False, self.reason)
         if not self._may_replace():
             return Permission(False, self._refusal())
-        if self.command is Command.OURS:
+        if sailing:
             return Permission(True, self.reason)
-        if situation is Situation.DISARMED:
-            return Permission(False, self.reason)
         if self._waiting_on_board and self.on_board is OnBoard.OURS:
             return Permission(False, self.reason)
         return Permission(True, "before the first AUTO a mission is put on board")
 
-    def _may_take_over(self) -> bool:
-        return self._adopt or self.on_board is OnBoard.OURS
+    def _event(self, state: VehicleState) -> Event:
+        if self._has_rebooted(state):
+            return Event.REBOOTED
+        return self._present(state)
+
+    def _has_rebooted(self, state: VehicleState) -> bool:
+        if state.reboots != self._reboots:
+            self._reboots = state.reboots
+            self._decisive_heartbeat = state.heartbeats + 1
+        if self._decisive_heartbeat is None or state.heartbeats < self._decisive_heartbeat:
+            return False
+        self._decisive_heartbeat = None
+        return not state.armed
+
+    def _present(self, state: VehicleState) -> Event:
+        if unsupported(state):
+            return Event.UNSUPPORTED
+        if state.system_status >= mavlink.MAV_STATE_CRITICAL:
+            return Event.FAILSAFE
+        return self._in_auto(state) if state.mode == AUTO else self._out_of_auto(state)
+
+    def _out_of_auto(self, state: VehicleState) -> Event:
+        if state.mission_state == mavlink.MISSION_STATE_NO_MISSION:
+            return Event.CLEARED
+        if state.mode == self._return_mode:
+            return Event.HOMEWARD
+        ready = self._is_ready(state) and (not state.armed or state.mode == HOLD)
+        return Event.READY if ready else Event.ELSEWHERE
+
+    def _in_auto(self, state: VehicleState) -> Event:
+        if not state.armed:
+            return Event.READY_IN_AUTO if self._is_ready(state) else Event.DISARMED
+        if self.on_board is OnBoard.OURS or (self._adopt and self.on_board is not OnBoard.REPLACED):
+            removed = self.on_board is OnBoard.EMPTY and self.survey_started
+            return Event.OTHERS if removed else self._under_way(state)
+        uncertain = self.on_board in (OnBoard.UNREAD, OnBoard.DAMAGED)
+        return Event.UNCERTAIN if uncertain else Event.OTHERS
+
+    def _under_way(self, state: VehicleState) -> Event:
+        remaining = state.battery_remaining
+        if self._return_battery is None or remaining is None or self._ever_sent_home:
+            return Event.OURS
+        return Event.LOW if remaining <= self._return_battery else Event.OURS
+
+    def _is_ready(self, state: VehicleState) -> bool:
+        """Whether it could be started, and nobody has ever taken it from us."""
+        sure = state.position_ok and state.ekf_ok is True
+        return sure and self.on_board is OnBoard.OURS and self._waiting_on_board and not self._ever_taken
 
     def _may_replace(self) -> bool:
-        if self.on_board is OnBoard.UNREAD:
+        if self.on_board in (OnBoard.UNREAD, OnBoard.REPLACED):
             return False
-        if self._adopt or self.on_board in (OnBoard.OURS, OnBoard.DAMAGED):
-            return True
-        return self.on_board is OnBoard.EMPTY and self.command is Command.BEFORE_START
+        if self.on_board is OnBoard.EMPTY:
+            return not self.survey_started
+        return self._adopt or self.on_board in (OnBoard.OURS, OnBoard.DAMAGED)
 
     def _refusal(self) -> str:
         if self.on_board is OnBoard.FOREIGN:
             return f"{self.on_board.value}: set mavlink.adopt: true to replace it"
+        if self.on_board is OnBoard.EMPTY and self.survey_started:
+            return "somebody has removed the mission from on board"
         return str(self.on_board.value)
 
-    def _explain(self, state: VehicleState, situation: Situation) -> str:
-        if situation is Situation.UNSUPPORTED:
-            return unsupported(state)
-        if situation is Situation.FAILSAFE:
-            return f"a failsafe has the boat (system status {state.system_status})"
-        mode = mode_name(state.mode)
-        if self.command is Command.OURS:
-            return "in AUTO under our mission"
-        if self.command is Command.YIELDED:
-            armed = "" if state.armed else ", disarmed"
-            return f"the operator has the boat ({mode}{armed}): we wait for AUTO"
-        if situation is Situation.IN_AUTO:
-            return self._refusal()
-        return f"waiting for the operator to arm and select AUTO ({mode})"
-
-
-def _situation(state: VehicleState) -> Situation:
-    if unsupported(state):
-        return Situation.UNSUPPORTED
-    if state.system_status >= mavlink.MAV_STATE_CRITICAL:
-        return Situation.FAILSAFE
-    if state.mode != AUTO:
-        return Situation.OTHER_MODE
-    return Situation.IN_AUTO if state.armed else Situation.DISARMED
+    def _say(self, reason: str, state: VehicleState) -> str:
+        battery = state.battery_remaining
+        return reason.format(
+            unsupported=unsupported(state),
+            status=state.system_status,
+            mode=mode_name(state.mode),
+            disarmed="" if state.armed else ", disarmed",
+            on_board=self._refusal(),
+            battery="an unknown charge" if battery is None else f"{battery:.0%}",
+        )
 
 
 def unsupported(state: VehicleState) -> str:

@@ -109,7 +109,7 @@ class MissionTransfer:
         self.items = tuple(items)
         self._route = route
         self._autopilot = autopilot
-        self._make_current = make_current
+        self.makes_current = make_current
         self._on_board = on_board
         self._mission_state = mission_state
         self._time_scale = time_scale
@@ -214,7 +214,7 @@ class MissionTransfer:
         return self._after_read_back(now)
 
     def _after_read_back(self, now: float) -> list[Any]:
-        if not self._make_current:
+        if not self.makes_current:
             return self._succeed()
         self._machine = MakeCurrent(
             self._route,

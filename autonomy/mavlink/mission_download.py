@@ -1,4 +1,4 @@
-"""Reading the mission on board: one sans-io state machine."""
+"""Reading the mission on board, or its fence or rally points: one sans-io state machine."""
 
 from enum import Enum
 from typing import Any
@@ -36,7 +36,7 @@ class Download(Enum):
 
 
 class MissionDownload:
-    """Reads the mission on board.
+    """Reads the mission on board; with another `mission_type` the fence or the rally points.
 
     Theory of operation. Here we lead: the number of items first, then item after item, each request repeated
     until its item is here. Items that weren't asked for are doubles or late ones and are ignored.
@@ -51,14 +51,23 @@ class MissionDownload:
     [a] n = 0: DONE. n above 1000: FAILED. [b] After six requests without an answer: FAILED. [c] After 4 s of
     silence: LISTING; after twelve attempts: FAILED. Other errors may be late echoes of an upload; true ones are
     the timer's. Whatever the vehicle says: after `limit_s` of protocol time, and half a second for each item of
-    the longest mission it has announced, FAILED.
+    the longest mission it has announced, FAILED. A vehicle that does not know the mission type has none of it:
+    DONE, empty.
     """
 
     def __init__(
-        self, route: Route, *, autopilot: int, time_scale: float = 1.0, limit_s: float = 60.0
+        self,
+        route: Route,
+        *,
+        autopilot: int,
+        time_scale: float = 1.0,
+        limit_s: float = 60.0,
+        mission_type: int = mavlink.MAV_MISSION_TYPE_MISSION,
     ) -> None:
         self._route = route
-        self._autopilot = autopilot
+        self.mission_type = mission_type
+        # Fences and rally points have no item for home.
+        self._has_home = mission_type == mavlink.MAV_MISSION_TYPE_MISSION and has_home_item(autopilot)
         self._time_scale = time_scale
         self._limit_s = limit_s
         self._began: float | None = None
@@ -77,7 +86,7 @@ class MissionDownload:
         """The mission without home, once it is DONE; empty if there is none on board."""
         if self.state is not Download.DONE:
             return None
-        return tuple(self._items[1:] if has_home_item(self._autopilot) else self._items)
+        return tuple(self._items[1:] if self._has_home else self._items)
 
     def next_deadline(self) -> float | None:
         """Protocol time at which `on_deadline` wants to be called."""
@@ -98,13 +107,16 @@ class MissionDownload:
         kind = message.get_type()
         if self.state not in (Download.LISTING, Download.FETCHING):
             return []
-        if kind not in _KINDS or not self._route.is_answer(message):
+        if kind not in _KINDS or not self._route.is_answer(message, self.mission_type):
             return []
         if kind == "MISSION_COUNT":
             return self._on_count(now, message.count)
         if kind == "MISSION_ITEM_INT":
             return self._on_item(now, message)
-        if message.type == mavlink.MAV_MISSION_DENIED:
+        unknown = message.type == mavlink.MAV_MISSION_UNSUPPORTED
+        if unknown and self.mission_type != mavlink.MAV_MISSION_TYPE_MISSION:
+            self.state, self._items, self._deadline = Download.DONE, [], None
+        elif message.type == mavlink.MAV_MISSION_DENIED:
             self.state = Download.LISTING
             self._heard_at = now
             self._repeats = 0
@@ -158,16 +170,22 @@ class MissionDownload:
         route = self._route
         accepted = mavlink.MAV_MISSION_ACCEPTED
         return [
-            mavlink.MAVLink_mission_ack_message(route.vehicle_system, route.vehicle_component, accepted, 0)
+            mavlink.MAVLink_mission_ack_message(
+                route.vehicle_system, route.vehicle_component, accepted, self.mission_type
+            )
         ]
 
     def _ask(self, now: float) -> list[Any]:
         system, component = self._route.vehicle_system, self._route.vehicle_component
         if self.state is Download.LISTING:
             self._deadline = now + retry_interval(COUNT_INTERVAL_S, self._repeats, self._time_scale)
-            return [mavlink.MAVLink_mission_request_list_message(system, component, 0)]
+            return [mavlink.MAVLink_mission_request_list_message(system, component, self.mission_type)]
         self._deadline = now + retry_interval(ITEM_INTERVAL_S, self._repeats, self._time_scale)
-        return [mavlink.MAVLink_mission_request_int_message(system, component, len(self._items), 0)]
+        return [
+            mavlink.MAVLink_mission_request_int_message(
+                system, component, len(self._items), self.mission_type
+            )
+        ]
 
     def _fail(self, reason: str) -> list[Any]:
         self.state = Download.FAILED

@@ -29,12 +29,12 @@ class Route:
         source = (message.get_srcSystem(), message.get_srcComponent())
         return bool(source == (self.vehicle_system, self.vehicle_component))
 
-    def is_answer(self, message: Any) -> bool:
-        """Whether a message of the mission protocol belongs to our transfer of waypoints."""
+    def is_answer(self, message: Any, mission_type: int = mavlink.MAV_MISSION_TYPE_MISSION) -> bool:
+        """Whether a message of the mission protocol belongs to our transfer of waypoints, or of another kind."""
         return bool(
             self.is_from_vehicle(message)
             and self.is_for_us(message)
-            and int(message.mission_type) == mavlink.MAV_MISSION_TYPE_MISSION
+            and int(message.mission_type) == mission_type
         )
 
     def is_for_us(self, message: Any) -> bool:

@@ -1,7 +1,7 @@
 """The survey area: where the sea is, where the vessel may go, and where it may sample."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import cos, pi, radians
 from pathlib import Path
@@ -104,6 +104,23 @@ class SurveyArea:
                 "a smaller stand-off or a larger area is needed"
             )
         return cls(frame, ground, obstacles, water, navigable, standoff_m, passage_cells)
+
+    def closed_off(self, closed: BaseGeometry, given_up: BaseGeometry, margin_m: float) -> "SurveyArea":
+        """The same survey with less water to sail on; maps and readings keep all of it.
+
+        Args:
+            closed: where the vessel must not be, kept clear of by `margin_m`, also on the way into the area.
+            given_up: where it shall not be sent; it may get out of there.
+            margin_m: distance kept from `closed`.
+
+        Raises:
+            SurveyError: no navigable water is left.
+        """
+        navigable = self.navigable.difference(_grown(closed, margin_m)).difference(given_up)
+        navigable = _polygonal(navigable)
+        if navigable.is_empty:
+            raise SurveyError(f"no navigable water is left {margin_m:g} m inside the fence")
+        return replace(self, navigable=navigable, obstacles=_polygonal(self.obstacles.union(closed)))
 
     @cached_property
     def bounds(self) -> Box:

@@ -30,6 +30,7 @@ _TABLE: tuple[tuple[str, float, int], ...] = (
     ("FENCE_ACTION", 1, _INT8),
     ("FENCE_ENABLE", 0, _INT8),
     ("FENCE_MARGIN", 2, _REAL),
+    ("FENCE_OPTIONS", 0, _INT16),
     ("FENCE_RADIUS", 300, _REAL),
     ("FENCE_TOTAL", 0, _INT8),
     ("FENCE_TYPE", 6, _INT8),

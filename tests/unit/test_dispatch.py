@@ -240,7 +240,7 @@ def test_a_mission_that_came_after_a_failed_transfer_is_not_taken_for_its_remain
     bench.place(theirs.items)
     bench.unstall()
     bench.advance(60.0)
-    assert bench.authority.on_board is OnBoard.FOREIGN
+    assert bench.authority.on_board is OnBoard.REPLACED
     assert bench.on_board() == places(theirs)
     assert not bench.dispatch.busy
     permission = bench.dispatch.permission(bench.state)
@@ -259,7 +259,7 @@ def test_a_mission_of_equal_length_is_seen_before_it_would_be_overwritten(adopt)
     bench.dispatch.offer(dispatched("second"))
     bench.advance(30.0)
     assert bench.on_board() == places(theirs)
-    assert bench.authority.on_board is OnBoard.FOREIGN
+    assert bench.authority.on_board is OnBoard.REPLACED
     assert not bench.dispatch.busy
 
 
@@ -282,7 +282,7 @@ def test_an_upload_of_somebody_else_between_look_and_upload_goes_first(bench):
         bench.operator(item.to_message(ROUTE, seq))
     bench.advance(30.0)
     assert bench.on_board() == places(theirs)
-    assert bench.authority.on_board is OnBoard.FOREIGN
+    assert bench.authority.on_board is OnBoard.REPLACED
     assert not bench.dispatch.busy
     assert bench.counts() == 2
 
@@ -300,7 +300,7 @@ def test_another_length_is_looked_into_once(bench, total):
         bench.advance(1.0)
     again = [each for _, each in bench.sent if each.get_type() == "MISSION_REQUEST_LIST"]
     assert len(again) == len(lists) + 1
-    assert bench.authority.on_board is (OnBoard.FOREIGN if total else OnBoard.EMPTY)
+    assert bench.authority.on_board is (OnBoard.REPLACED if total else OnBoard.EMPTY)
     assert not bench.dispatch.permission(bench.state).allowed
 
 

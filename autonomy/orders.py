@@ -1,0 +1,77 @@
+"""Starting the boat and sending it home, where the configuration lets us: `authority.mode: full`."""
+
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autonomy.mavlink.authority import AUTO, Action, mode_name
+from autonomy.mavlink.mission import Route
+from autonomy.mavlink.orders import Answer, Order
+from autonomy.notes import Note
+
+PAUSE_S = 5.0
+"""Protocol time after an order before the next: the vehicle needs a moment to follow, or cannot yet."""
+
+
+class Orders:
+    """Turns the authority's action into one order at a time, given again while the action stays."""
+
+    def __init__(self, return_mode: int) -> None:
+        self._return_mode = return_mode
+        self._order: Order | None = None
+        self._action: Action | None = None
+        self._not_before = 0.0
+        self._notes: list[Note] = []
+
+    def next_deadline(self) -> float | None:
+        """When `step` must be called at the latest."""
+        if self._order is not None:
+            return self._order.next_deadline()
+        return None if self._action is None else self._not_before
+
+    def take_notes(self) -> list[Note]:
+        """What happened since the last call, for the log."""
+        notes, self._notes = self._notes, []
+        return notes
+
+    def handle(self, message: Any) -> None:
+        """Take in one message of the vehicle."""
+        if self._order is not None:
+            self._order.handle(message)
+
+    def step(self, now: float, action: Action, route: Route, time_scale: float) -> list[Any]:
+        """Do what the action asks for; returns messages to send."""
+        words = self._words(action)
+        if words is None:
+            self._order, self._action, self._not_before = None, None, 0.0
+            return []
+        if action is not self._action:
+            self._order, self._action, self._not_before = None, action, 0.0
+        if self._order is not None:
+            sent = self._order.on_deadline(now)
+            self._conclude(now, words)
+            return sent
+        if now < self._not_before:
+            return []
+        self._order = Order(*self._order_of(action), route, time_scale)
+        return self._order.start(now)
+
+    def _conclude(self, now: float, words: str) -> None:
+        assert self._order is not None
+        if self._order.answer is not Answer.WAITING:
+            refused = self._order.answer is not Answer.ACCEPTED
+            self._notes.append(Note(f"{words}: {self._order.answer.value}", is_warning=refused))
+            self._order, self._not_before = None, now + PAUSE_S
+
+    def _words(self, action: Action) -> str | None:
+        return {
+            Action.ARM: "arming",
+            Action.SELECT_AUTO: "selecting AUTO",
+            Action.GO_HOME: f"selecting {mode_name(self._return_mode)}",
+        }.get(action)
+
+    def _order_of(self, action: Action) -> tuple[int, tuple[float, ...]]:
+        if action is Action.ARM:
+            return mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,)
+        mode = AUTO if action is Action.SELECT_AUTO else self._return_mode
+        return mavlink.MAV_CMD_DO_SET_MODE, (float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode))
