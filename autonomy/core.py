@@ -146,6 +146,11 @@ class Core:
             return self._now - self._ahead_s
         return min(self._helm.next_deadline(), self._reporter.next_deadline()) - self._ahead_s
 
+    @property
+    def milestones(self) -> int:
+        """Grows when something has been decided that the next run has to know to recognise what is on board."""
+        return self._helm.dispatch.milestones
+
     def checkpoint(self) -> Memory:
         """All that is known, to be called between two events: cheap, and safe to encode in another thread."""
         return capture(self)

@@ -77,9 +77,14 @@ class MissionDispatch:
         self._unread_failures = 0
         self._refusal: str | None = None
         self._notes: list[Note] = []
+<<<<<<< /tmp/tmpnww70dht/cur
+        self.milestones = 0
+        """How often a plan was given to bring on board, or verified to be there: worth remembering at once."""
+=======
         self._restart = False
         self.made_current = 0
         """How often a mission of ours was made the one that is sailed, from its first waypoint on."""
+>>>>>>> /tmp/tmpnww70dht/new
 
     @property
     def busy(self) -> bool:
@@ -98,6 +103,10 @@ class MissionDispatch:
     def offer(self, dispatched: Dispatched) -> None:
         """Make this the plan to bring on board next; an older waiting one is dropped."""
         self._waiting, self._looked = dispatched, False
+<<<<<<< /tmp/tmpnww70dht/cur
+        self._failures = 0
+        self.milestones += 1
+=======
         self._failures, self._restart = 0, False
 
     def make_current_again(self) -> None:
@@ -105,10 +114,19 @@ class MissionDispatch:
         if self.active is not None and not self.busy:
             self.offer(self.active)
             self._restart = True
+>>>>>>> /tmp/tmpnww70dht/new
 
     def drop_waiting(self) -> None:
         """A plan that waits is not wanted any more."""
         self._waiting = None
+
+    def resume(self) -> None:
+        """The service was away, and may not remember the last it did: an upload of what waits may have begun."""
+        if self._waiting is not None:
+            if self._on_board is None and self.active is not None:
+                self._remember_interrupted(self.active.items)
+            self._remember_interrupted(self._waiting.items)
+        self.forget()
 
     def forget(self) -> None:
         """The link was gone: what is on board must be read again; a transfer under way is void and starts anew."""
@@ -236,6 +254,7 @@ class MissionDispatch:
 
     def _verified(self, sent: Dispatched) -> None:
         self.active, self.reached = sent, 0
+        self.milestones += 1
         self._on_board = sent.items
         self._interrupted.clear()
         self._authority.upload_verified()

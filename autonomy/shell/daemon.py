@@ -65,6 +65,7 @@ class Daemon:
         self._configuration = configuration
         self._core = Core(configuration, survey) if continuity is None else continuity.core
         self._continuity = continuity
+        self._milestones = self._core.milestones
         self._codec = Codec(_PROVISIONAL_SYSTEM_ID, configuration.mavlink.component_id)
         self._publisher = Publisher(configuration.vehicle.name, configuration.shore.connect)
         self._worker = Worker(survey, self._job_finished, self._job_failed, run=job_runner)
@@ -165,6 +166,9 @@ class Daemon:
             if self._continuity is not None:
                 self._continuity.crashed(self._journal)
             return
+        if self._continuity is not None and self._core.milestones != self._milestones:
+            self._milestones = self._core.milestones
+            self._continuity.keep(self._journal)
         if self._timer is not None:
             self._timer.cancel()
         self._timer = loop.call_at(self._core.next_deadline(), self._happened, DeadlineReached())
@@ -186,7 +190,11 @@ class Daemon:
         asyncio.get_running_loop().call_later(self._continuity.period_s, self._keep_regularly)
 
     def _journal_trouble(self) -> str:
-        """What is wrong with the recording; the log is told when that changes."""
+        """What is wrong with the recording and the checkpoints; the log is told when the former changes."""
+        kept = "" if self._continuity is None else self._continuity.trouble
+        return "; ".join(filter(None, (self._recording_trouble(), kept and f"checkpoint: {kept}")))
+
+    def _recording_trouble(self) -> str:
         if self._journal is None:
             return self._unrecorded
         status = self._journal.status
