@@ -77,14 +77,11 @@ class MissionDispatch:
         self._unread_failures = 0
         self._refusal: str | None = None
         self._notes: list[Note] = []
-<<<<<<< /tmp/tmpnww70dht/cur
         self.milestones = 0
         """How often a plan was given to bring on board, or verified to be there: worth remembering at once."""
-=======
         self._restart = False
         self.made_current = 0
         """How often a mission of ours was made the one that is sailed, from its first waypoint on."""
->>>>>>> /tmp/tmpnww70dht/new
 
     @property
     def busy(self) -> bool:
@@ -103,18 +100,14 @@ class MissionDispatch:
     def offer(self, dispatched: Dispatched) -> None:
         """Make this the plan to bring on board next; an older waiting one is dropped."""
         self._waiting, self._looked = dispatched, False
-<<<<<<< /tmp/tmpnww70dht/cur
-        self._failures = 0
-        self.milestones += 1
-=======
         self._failures, self._restart = 0, False
+        self.milestones += 1
 
     def make_current_again(self) -> None:
         """The vehicle does not sail the active plan, whatever it says: make it current once more."""
         if self.active is not None and not self.busy:
             self.offer(self.active)
             self._restart = True
->>>>>>> /tmp/tmpnww70dht/new
 
     def drop_waiting(self) -> None:
         """A plan that waits is not wanted any more."""

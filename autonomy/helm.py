@@ -187,11 +187,8 @@ class Helm:
         """
         self._heartbeats_before = 0 if self.state is None else self.state.heartbeats
         self._heartbeat_due, self._conversing = 0.0, False
-<<<<<<< /tmp/tmpeb75lmgr/cur
         self.dispatch.resume()
-=======
         self._safeguards_of = -1  # to be read again
->>>>>>> /tmp/tmpeb75lmgr/new
         self.link_changed()
         return self.dispatch.busy
 
