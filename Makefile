@@ -9,11 +9,13 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
-.PHONY: help setup demo test lint bench clean
+.PHONY: help setup demo test accuracy soak-learning lint bench clean
 
 help:
 	@echo "make demo    a simulated vessel learns a patch of coast: three processes, about two minutes, one picture"
 	@echo "make test    the test suite"
+	@echo "make accuracy       the learner against exact processes, scikit-learn and moving seas, on many fields: hours"
+	@echo "make soak-learning  a million readings on one track: an hour"
 	@echo "make lint    style, types and import contracts"
 	@echo "make bench   benchmarks, as ratios against references measured in the same run"
 	@echo "make clean   remove the virtual environment and caches"
@@ -30,6 +32,17 @@ demo: $(READY)
 
 test: $(READY)
 	$(BIN)/python -m pytest -n 2 --ignore=tests/benchmarks
+
+# The short forms of these are part of the suite; the figures of real fields need HALOCLINE_DATA (see tests/conftest.py).
+ACCURACY := $(BIN)/python -m pytest -q -s --timeout=14400
+accuracy: $(READY)
+	HALOCLINE_SEEDS=40 $(ACCURACY) tests/accuracy/test_fit_small.py
+	HALOCLINE_SEEDS=10 $(ACCURACY) tests/accuracy/test_rebuild.py
+	HALOCLINE_SEEDS=4 $(ACCURACY) tests/accuracy/test_moving.py
+	HALOCLINE_ACCURACY=long $(ACCURACY) tests/accuracy/test_static_fields.py tests/accuracy/test_coverage.py
+
+soak-learning: $(READY)
+	HALOCLINE_SOAK_UPDATES=1000000 $(BIN)/python -m pytest -q -s --timeout=14400 tests/unit/learning/test_learning_soak.py
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -1,6 +1,6 @@
 """Fits on the few readings that a boat has in its first hours, and of how fast a field moves: many seeds.
 
-HALOCLINE_SEEDS: how many.
+HALOCLINE_SEEDS: how many; without it a few.
 """
 
 import math
@@ -19,7 +19,7 @@ from autonomy.learning.likelihood import Readings
 from autonomy.learning.spatial import SquaredExponential
 from autonomy.learning.structures import DEFAULT_CANDIDATES, STRUCTURES
 
-SEEDS = int(os.environ.get("HALOCLINE_SEEDS", "40"))
+SEEDS = int(os.environ.get("HALOCLINE_SEEDS", "5"))
 SPAN = 1000.0
 
 

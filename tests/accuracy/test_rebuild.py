@@ -1,29 +1,26 @@
 """What becomes of the map when the kernel changes: re-estimates from bad starts, rebuilds of moving water, long runs.
 
-HALOCLINE_SEEDS: how many seas each.
+HALOCLINE_SEEDS: how many seas each, and the run of 100 000 readings in full; without it a short form.
 """
 
-import math
 import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from moving import Eddies, MovingTruth, OrnsteinUhlenbeckField, Patrol, SmoothDraw, square
+from moving import Eddies, MovingTruth, Patrol, SmoothDraw, square
 from oracles import ExactGP, geometric_mean, rmse
 
 from autonomy.config import EstimationSection
 from autonomy.learning.fitting import fit
-from autonomy.learning.kernel import Component, Hyperparameters, Kernel
+from autonomy.learning.kernel import Hyperparameters, Kernel
 from autonomy.learning.learner import Learner
 from autonomy.learning.likelihood import Readings
 from autonomy.learning.rebuild import reestimate
-from autonomy.learning.sparse_gp import SparseOnlineGP
-from autonomy.learning.spatial import SquaredExponential
 from autonomy.learning.structures import STRUCTURES
-from autonomy.learning.temporal import OrnsteinUhlenbeck
 
-SEEDS = range(int(os.environ.get("HALOCLINE_SEEDS", "10")))
+LONG = "HALOCLINE_SEEDS" in os.environ
+SEEDS = range(int(os.environ.get("HALOCLINE_SEEDS", "2")))
 SPAN_M = 1000.0
 LENGTH_M = SPAN_M / 6
 STEP_M, STEP_S = 10.0, 1.0
@@ -87,11 +84,12 @@ def test_a_re_estimate_from_length_scales_ten_times_off(factor):
 
     One knows the true hyperparameters and the true mean; in the mean over the seas it is at most a tenth
     better. Of a single sea the readings may tell other hyperparameters than the true ones, and the corners
-    that the track leaves out then tell it on the map: the other exact process has those that its readings
-    maximise, and is what a single sea can be held against.
+    that the track leaves out then tell it on the map: another exact process has those that its readings
+    maximise. The third has the learner's own, so that only the bounded basis and history stand between them: there
+    every sea is held to a tenth.
     """
     truth = Hyperparameters(1.0, NOISE**2, (LENGTH_M, LENGTH_M))
-    ratios, fitted = [], []
+    ratios, fitted, own = [], [], []
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
         stream = Stream(Still(rng), rng)
@@ -106,15 +104,13 @@ def test_a_re_estimate_from_length_scales_ten_times_off(factor):
         sample = Readings.of(np.array(stream.x)[::2], np.array(stream.y)[::2], mean="gls")
         best = fit(sample, STRUCTURES["squared_exponential"], SPAN_M)
         fitted.append(error / rmse(stream.exact(best.kernel, best.prior_mean), now))
-    print(
-        f"{factor:g} times off, over the truth: {np.round(ratios, 3).tolist()}, {geometric_mean(ratios)[0]:.3f}"
-    )
-    print(
-        f"{factor:g} times off, over a fit of all: {np.round(fitted, 3).tolist()}, {geometric_mean(fitted)[0]:.3f}"
-    )
+        own.append(error / rmse(stream.exact(learner.gp.kernel, learner.gp.prior_mean), now))
+    for what, found in (("the truth", ratios), ("a fit of all", fitted), ("its own kernel", own)):
+        row = np.round(found, 3).tolist()
+        print(f"{factor:g} times off, over {what}: {row}, {geometric_mean(found)[0]:.3f}")
     assert geometric_mean(ratios)[0] <= 1.10
     assert geometric_mean(fitted)[0] <= 1.05
-    assert max(fitted) <= 1.20
+    assert max(own) <= 1.10
 
 
 def test_moving_eddies_are_rebuilt_from_a_thousand_cells():
@@ -135,82 +131,17 @@ def test_moving_eddies_are_rebuilt_from_a_thousand_cells():
     assert geometric_mean(ratios)[0] <= 1.10
 
 
-def surveyed(stream, pupils, options, n, first, interval):
-    """Mean square error of each pupil's nowcast over the survey; each is re-estimated every `interval` samples."""
-    squares = {name: [] for name in pupils}
-    for number, (place, value, time_s) in enumerate(stream.read(n), 1):
-        for name, pupil in pupils.items():
-            pupil.add(place, value, time_s)
-            if number >= 60 and (number in (60, 120, 240) or number % interval == 0):
-                renew(pupil, options[name], number)
-        if number >= first and number % 200 == 0:
-            now = stream.truth.value(GRID)
-            for name, pupil in pupils.items():
-                squares[name].append(np.mean((pupil.model().predict(GRID).mean - now) ** 2))
-    return {name: math.sqrt(np.mean(values)) for name, values in squares.items()}
-
-
-def test_on_still_water_the_choice_of_motion_costs_next_to_nothing():
-    """End to end: choosing among all structures against the same learner that may choose still ones only."""
-    ratios = []
-    for seed in SEEDS:
-        rng = np.random.default_rng(seed)
-        stream = Stream(Still(rng), rng)
-        pupils = {"all": Learner(SPAN_M), "still": Learner(SPAN_M)}
-        errors = surveyed(stream, pupils, {"all": ALL, "still": STILL}, 2400, 400, 400)
-        ratios.append(errors["all"] / errors["still"])
-    print(f"all structures over still ones: {np.round(ratios, 3).tolist()}, {geometric_mean(ratios)[0]:.3f}")
-    assert geometric_mean(ratios)[0] <= 1.06
-
-
-def test_water_that_forgets():
-    """τ = 2000 samples, examined up to 4000: against the filter that knows the kernel, and one that never forgets."""
-    timescale_s = 2000.0
-    component = Component(1.0, SquaredExponential((LENGTH_M, LENGTH_M)), OrnsteinUhlenbeck(timescale_s))
-    known, still, found = [], [], []
-    for seed in SEEDS:
-        rng = np.random.default_rng(seed)
-        stream = Stream(OrnsteinUhlenbeckField(rng, SPAN_M, LENGTH_M, timescale_s), rng)
-        learner, unmoved = Learner(SPAN_M), Learner(SPAN_M)
-        gp = SparseOnlineGP(Kernel((component,), NOISE**2), 100)
-        squares = {"learner": [], "unmoved": [], "filter": []}
-        for number, (place, value, time_s) in enumerate(stream.read(4000), 1):
-            gp.advance(STEP_S)
-            gp.update(place, value)
-            for pupil, options in ((learner, ALL), (unmoved, STILL)):
-                pupil.add(place, value, time_s)
-                if number in (60, 120, 240) or number % 500 == 0:
-                    renew(pupil, options, number)
-            if number >= 3000 and number % 250 == 0:
-                now = stream.truth.value(GRID)
-                for name, model in (
-                    ("learner", learner.model()),
-                    ("unmoved", unmoved.model()),
-                    ("filter", gp),
-                ):
-                    squares[name].append(np.mean((model.predict(GRID).mean - now) ** 2))
-        error = {name: math.sqrt(np.mean(values)) for name, values in squares.items()}
-        known.append(error["learner"] / error["filter"])
-        still.append(error["learner"] / error["unmoved"])
-        found.append(min(group.time.timescale_s for group in learner.gp.kernel.groups))
-    print(f"over the filter that knows: {np.round(known, 3).tolist()}, {geometric_mean(known)[0]:.3f}")
-    print(f"over never forgetting: {np.round(still, 3).tolist()}, {geometric_mean(still)[0]:.3f}")
-    print(f"time-scales: {np.round(found).tolist()}")
-    assert geometric_mean(known)[0] <= 1.05
-    assert geometric_mean(still)[0] <= 0.6
-
-
 def test_a_long_run_is_as_good_as_a_fresh_rebuild():
-    """100 000 samples with re-estimates along the way: no repair, and a map made anew is not 1 % better."""
+    """100 000 samples with re-estimates along the way: no repair, and the map made anew is not 1 % better."""
     rng = np.random.default_rng(0)
     stream = Stream(Still(rng), rng)
     learner = Learner(SPAN_M)
     done = 0
-    for number in (100, 300, 1000, 3000, 10_000, 30_000, 60_000):
+    for number in (100, 300, 1000, 3000, 10_000, *((30_000, 60_000) if LONG else ())):
         teach(learner, stream, number - done)
         renew(learner, ALL, number)
         done = number
-    teach(learner, stream, 100_000 - done)
+    teach(learner, stream, (100_000 if LONG else 20_000) - done)
     request = learner.reestimate_request(0, ALL)
     gp = learner.gp
     fresh = request.build.rebuilt(request.cells, gp.kernel, gp.prior_mean, request.time_s)
