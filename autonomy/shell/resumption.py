@@ -140,6 +140,7 @@ class Continuity:
         self._trials = Trials(store.folder / "trials.json")
         self._keeper: Keeper | None = None
         self._number = 0
+        self._unmade = ""
         self._began = time.monotonic()
         self._position: Position | None = None
         self._last: Moment | None = None
@@ -159,7 +160,7 @@ class Continuity:
     @property
     def trouble(self) -> str:
         """Why the last checkpoint is not on the disk; empty if it is."""
-        return "" if self._keeper is None else self._keeper.trouble
+        return self._unmade or ("" if self._keeper is None else self._keeper.trouble)
 
     def begin(self, journal: Journal | None) -> None:
         """The run begins now: from here on the core hears of what happens."""
@@ -186,7 +187,9 @@ class Continuity:
         except TypeError:
             # A bug, but none that the survey should end for; the last checkpoint and the journal still hold.
             log.exception("no checkpoint can be made")
+            self._unmade = "none can be made, see the log"
             return
+        self._unmade = ""
         self._number += 1
         self._keeper.keep(
             Checkpoint(

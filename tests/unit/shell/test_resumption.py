@@ -1,0 +1,276 @@
+"""Going on from what an earlier run left: checkpoints of two generations, the journal's tail, crashes."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import shapely
+
+from autonomy.config import CheckpointSection, Configuration, JournalSection
+from autonomy.core import Core
+from autonomy.effects import Effect
+from autonomy.events import DeadlineReached, Event, LinkDown, LinkUp
+from autonomy.geometry import LocalFrame
+from autonomy.planning.survey import SurveyArea
+from autonomy.shell import checkpoint as files
+from autonomy.shell.checkpoint import Checkpoint, CheckpointError, Store, decode, encode, fits
+from autonomy.shell.journal import Journal, make_header
+from autonomy.shell.journal_files import Position
+from autonomy.shell.resumption import CRASHES_PER_CHECKPOINT, Continuity, Moment
+
+SETTINGS: dict[str, Any] = {
+    "survey": {"area": [(33.4, -118.6), (33.4, -118.4), (33.6, -118.4), (33.6, -118.6)]}
+}
+CONFIGURATION = Configuration.model_validate(SETTINGS)
+SURVEY = SurveyArea.from_geometry(LocalFrame(33.5, -118.5), shapely.box(0, 0, 3000, 2000), passage_cells=20)
+WANTED = fits(CONFIGURATION, SURVEY)
+
+
+BREAKS_OVER: list[str] = []
+
+
+@pytest.fixture(autouse=True)
+def breakable(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Cores that remember why links were lost, among what they have explained, and break over some reasons."""
+    sound = Core.handle
+
+    def handle(core: Core, now: float, event: Event) -> list[Effect]:
+        if isinstance(event, LinkDown):
+            core._explained.add(event.reason)
+            if event.reason in BREAKS_OVER:
+                raise ZeroDivisionError("a bug")
+        return sound(core, now, event)
+
+    monkeypatch.setattr(Core, "handle", handle)
+    yield
+    BREAKS_OVER.clear()
+
+
+def new() -> Core:
+    return Core(CONFIGURATION, SURVEY)
+
+
+class Run:
+    """One run of the service over what the last one left."""
+
+    def __init__(self, folder: Path, *, recorded: bool = True) -> None:
+        self.store = Store(folder / "kept")
+        journals = folder / "journal" if recorded else None
+        self.continuity = Continuity(new, CheckpointSection(), self.store, WANTED, journals)
+        self.core: Any = self.continuity.core
+        header = make_header(CONFIGURATION, SURVEY, now=0.0, utc_s=0.0, resumed=self.continuity.resumed)
+        self.journal = Journal.open(folder / "journal", JournalSection(), header) if recorded else None
+        self.continuity.begin(self.journal)
+
+    @property
+    def lost(self) -> set[str]:
+        return set(self.core._explained)
+
+    def hears(self, event: Event, now: float | None = None) -> None:
+        now = Moment.present().now if now is None else now
+        if self.journal is not None:
+            self.journal.event(now, event)
+        try:
+            self.core.handle(now, event)
+        except ZeroDivisionError:
+            self.continuity.crashed(self.journal)
+            raise
+
+    def ends(self, *, in_order: bool = False, keep: bool = False) -> None:
+        if keep:
+            self.continuity.keep(self.journal)
+        self.continuity.close(in_order=in_order)
+        if self.journal is not None:
+            self.journal.close()
+        self.store.close()
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Iterator[Callable[..., Run]]:
+    runs: list[Run] = []
+
+    def begin(**options: Any) -> Run:
+        runs.append(Run(tmp_path, **options))
+        return runs[-1]
+
+    yield begin
+    for each in runs:
+        each.ends()
+
+
+def test_what_was_kept_and_what_came_after_are_known_again(run: Callable[..., Run]) -> None:
+    first = run()
+    first.hears(LinkDown("one"))
+    first.continuity.keep(first.journal)
+    first.hears(LinkDown("two"))
+    first.ends()
+    second = run()
+    assert second.lost == {"one", "two"}
+    second.hears(LinkDown("three"))
+    second.ends()
+    assert run().lost == {"one", "two", "three"}
+
+
+def test_without_a_journal_the_checkpoint_alone_does(run: Callable[..., Run]) -> None:
+    first = run(recorded=False)
+    first.hears(LinkDown("one"))
+    first.ends(keep=True)
+    second = run(recorded=False)
+    second.hears(LinkDown("two"))
+    second.ends()
+    assert run(recorded=False).lost == {"one"}
+
+
+def test_of_a_damaged_checkpoint_the_older_one_is_taken(
+    run: Callable[..., Run], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = run()
+    first.hears(LinkDown("one"))
+    first.continuity.keep(first.journal)
+    first.continuity.close(in_order=False)  # it is written
+    first.continuity.begin(first.journal)
+    first.hears(LinkDown("two"))
+    first.ends(keep=True)
+    newest = max((tmp_path / "kept").glob("*.checkpoint"), key=lambda path: decode(path.read_bytes()).number)
+    newest.write_bytes(newest.read_bytes()[:-1])
+    second = run()
+    assert second.lost == {"one", "two"}
+    assert "it is damaged or not whole" in caplog.text
+    assert list((tmp_path / "kept").glob("*.damaged-1.aside"))
+
+
+def test_a_record_that_crashed_the_core_is_not_tried_again(
+    run: Callable[..., Run], caplog: pytest.LogCaptureFixture
+) -> None:
+    first = run()
+    first.hears(LinkDown("one"))
+    BREAKS_OVER.append("two")
+    with pytest.raises(ZeroDivisionError):
+        first.hears(LinkDown("two"))
+    first.ends()
+    second = run()
+    assert second.lost == {"one"}
+    assert "is quarantined" in caplog.text
+    second.hears(LinkDown("three"))
+    second.ends()
+    assert run().lost == {"one", "three"}
+
+
+def test_a_record_that_crashes_the_replay_is_tried_once(
+    run: Callable[..., Run], caplog: pytest.LogCaptureFixture
+) -> None:
+    """The process was killed before it could say so, or the software is another one."""
+    first = run()
+    for reason in ("one", "two", "three"):
+        first.hears(LinkDown(reason))
+    first.ends()
+    BREAKS_OVER.append("two")
+    second = run()
+    assert second.lost == {"one", "three"}
+    assert "crashes the core and is left out from now on: ZeroDivisionError: a bug" in caplog.text
+    second.ends()
+    caplog.clear()
+    assert run().lost == {"one", "three"}
+    assert "is quarantined" in caplog.text
+    assert "crashes the core" not in caplog.text
+
+
+def test_what_crashes_again_and_again_is_given_up(
+    run: Callable[..., Run], caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    first = run()
+    first.hears(LinkDown("one"))
+    first.ends(keep=True)
+    BREAKS_OVER.append("poison")
+    known = []
+    for _ in range(2 * CRASHES_PER_CHECKPOINT + 1):
+        again = run()
+        known.append(again.lost == {"one"})
+        with pytest.raises(ZeroDivisionError):
+            again.hears(LinkDown("poison"))
+        again.ends()
+    assert known[:CRASHES_PER_CHECKPOINT] == [True] * CRASHES_PER_CHECKPOINT
+    assert not known[-1]
+    assert "times in a row" in caplog.text
+    assert list((tmp_path / "kept").glob("*.aside"))
+
+
+@pytest.mark.parametrize(
+    ("section", "name"),
+    [({"sensor": {"message_name": "TEMP"}}, "sensor"), ({"model": {"capacity": 60}}, "model")],
+)
+def test_what_does_not_fit_is_put_aside(
+    tmp_path: Path, section: dict[str, Any], name: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    store = Store(tmp_path)
+    store.save(Checkpoint(1, WANTED, Core(CONFIGURATION, SURVEY).checkpoint(), 0.0, 0.0, "", None))
+    other = Configuration.model_validate({**SETTINGS, **section})
+    assert store.load(fits(other, SURVEY)) == []
+    assert f"what it depends on has changed: {name}" in caplog.text
+    assert [path.name for path in tmp_path.glob("*.aside")] == ["odd.checkpoint.unfit-1.aside"]
+    store.close()
+
+
+def test_other_keys_may_change_meanwhile() -> None:
+    section = {"exploration": {"rho0": 0.3}, "shore": {"model_period_s": 9.0}, "quality": {"spike_fail": 3.0}}
+    other = Configuration.model_validate({**SETTINGS, **section})
+    assert fits(other, SURVEY) == WANTED
+    changed = Core(other, SURVEY)
+    changed.restore(decode(encode(sample())).memory)
+    assert changed._exploration._section.rho0 == 0.3
+    assert changed._reporter._model_schedule.period_s == 9.0
+
+
+def test_two_services_do_not_share_a_folder(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    with pytest.raises(BlockingIOError):
+        Store(tmp_path)
+    store.close()
+    Store(tmp_path).close()
+
+
+def test_a_full_disk_is_told_and_stops_nothing(
+    run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = run()
+
+    def full(path: Path, data: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files, "write_atomically", full)
+    for _ in range(3):
+        first.continuity.keep(first.journal)
+        first.hears(LinkUp())
+    first.continuity.close(in_order=False)
+    assert "No space left" in first.continuity.trouble
+    assert caplog.text.count("no checkpoint could be written") == 1
+
+
+def test_the_time_away_is_known_across_boots() -> None:
+    before = Moment(500.0, 1000.0, "a")
+    assert Moment(503.0, 9999.0, "a").since(before) == 3.0
+    assert Moment(10.0, 1060.0, "b").since(before) == 60.0
+    assert Moment(10.0, 900.0, "b").since(before) == 0.0  # the wall clock was set back
+    assert Moment(10.0, 1e12, "b").since(before) == 30 * 86400.0
+
+
+def sample() -> Checkpoint:
+    core = Core(CONFIGURATION, SURVEY)
+    core.handle(5.0, DeadlineReached())
+    return Checkpoint(7, WANTED, core.checkpoint(), 5.0, 1e9, "boot", Position(3, 20))
+
+
+def test_bytes_and_back() -> None:
+    there = sample()
+    back = decode(encode(there))
+    assert replace(back, memory={}).__dict__ == replace(there, memory={}).__dict__
+    twin = Core(CONFIGURATION, SURVEY)
+    twin.restore(back.memory)
+    assert twin.next_deadline() == 6.0
+
+
+def test_no_checkpoint_at_all() -> None:
+    with pytest.raises(CheckpointError, match="no checkpoint"):
+        decode(b"%PDF-1.4")
