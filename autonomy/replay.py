@@ -38,6 +38,10 @@ JOB_TOLERANCE = 1e-6
 """Recomputed jobs may differ by this, relative to the largest number of an array: other processors round otherwise."""
 
 
+class CoreRaisedError(RuntimeError):
+    """The core raised an exception, its cause, on a record of the journal; says which record."""
+
+
 @dataclass(frozen=True)
 class Difference:
     """An effect that is not what it was: where, when (seconds from the run's start), and both of them."""
@@ -111,6 +115,7 @@ def replay(
 
     Raises:
         JournalError: the run can't be replayed: it isn't there, its beginning was removed, or it is of another version.
+        CoreRaisedError: the core raised.
         OSError: a file can't be read.
     """
     begun = clock()
@@ -239,7 +244,12 @@ class _Replay:
         self.outcome.events += 1
         if isinstance(record.event, JobFinished):
             self._check(record.event)
-        self._effects = self.outcome.core.handle(record.now, record.event)
+        try:
+            self._effects = self.outcome.core.handle(record.now, record.event)
+        except Exception as error:
+            where = f"record {self._position.sequence} of run {self._position.run}"
+            what = f"{type(error).__name__}: {error}"
+            raise CoreRaisedError(f"{where} makes the core raise {what}") from error
         if self._recompute:
             for effect in self._effects:
                 if isinstance(effect, StartJob):

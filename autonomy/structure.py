@@ -198,14 +198,14 @@ def _array_tree(array: np.ndarray[Any, Any]) -> cbor2.CBORTag:
 
 def _object_tree(value: Any) -> cbor2.CBORTag:
     kind = type(value)
+    if kind.__module__.partition(".")[0] != "autonomy":
+        raise TypeError(f"a {kind.__qualname__} has no form here")
     if "__getstate__" in vars(kind):
         state = value.__getstate__()
     elif dataclasses.is_dataclass(kind):
         state = {field.name: getattr(value, field.name) for field in dataclasses.fields(kind)}
-    elif kind.__module__.partition(".")[0] == "autonomy" and hasattr(value, "__dict__"):
-        state = vars(value)
     else:
-        raise TypeError(f"a {kind.__qualname__} has no form here")
+        state = vars(value)
     return cbor2.CBORTag(_OBJECT, [kind.__name__, {name: _tree(each) for name, each in state.items()}])
 
 

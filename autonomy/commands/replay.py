@@ -3,10 +3,19 @@
 import argparse
 import math
 import sys
+import traceback
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from autonomy import __version__
+from autonomy.commands.run import EXIT_SOFTWARE
 from autonomy.shell.journal_files import SUFFIX, JournalError, JournalFile, journal_files
+
+if TYPE_CHECKING:
+    from autonomy.replay import Outcome
 
 EXIT_DIFFERENT = 1
 EXIT_DATA = 65
@@ -48,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Replay and report.
 
     Exit codes: 0 every effect is equal, 1 some differ, 65 it can't be replayed or records are missing, 66 there is no
-    such journal.
+    such journal, 70 the core raised.
     """
     try:
         folder, number = find_run(arguments.run)
@@ -60,10 +69,15 @@ def run(arguments: argparse.Namespace) -> int:
     from autonomy import replay
 
     try:
-        until_s = _seconds(arguments.until, replay.run_header(folder, number))
+        header = replay.run_header(folder, number)
+        _doubt(header)
+        until_s = _seconds(arguments.until, header)
         outcome = replay.replay(folder, number, until_s, arguments.tolerance, recompute=arguments.diff)
     except JournalError as error:
         return _failed(error, EXIT_DATA)
+    except replay.CoreRaisedError as error:
+        traceback.print_exception(error.__cause__)
+        return _failed(error, EXIT_SOFTWARE)
     except OSError as error:
         return _failed(f"{error.filename}: {error.strerror}", EXIT_NO_INPUT)
     return _report(outcome, number, replay.JOB_TOLERANCE)
@@ -86,10 +100,17 @@ def find_run(path: Path) -> tuple[Path, int]:
     return folder, named[-1].run
 
 
-def _report(outcome: "object", number: int, job_tolerance: float) -> int:
-    from autonomy.replay import Outcome
+def _doubt(header: dict[str, object]) -> None:
+    """Say so if other software recorded the run: it need not have done the same."""
+    there, here = (header.get("software"), header.get("numpy")), (__version__, np.__version__)
+    if there != here:
+        sys.stderr.write(
+            f"recorded by halocline {there[0]} with numpy {there[1]}; "
+            f"this is {here[0]} with {here[1]}: differences may come from that\n"
+        )
 
-    assert isinstance(outcome, Outcome)
+
+def _report(outcome: "Outcome", number: int, job_tolerance: float) -> int:
     say = sys.stdout.write
     for text in outcome.troubles[:_SHOWN]:
         say(f"{text}\n")

@@ -86,7 +86,7 @@ class Journal:
         self._sequence = 0
         self._waiting: deque[Row | Packet] = deque()
         self._changed = threading.Condition()
-        self._at_work = False
+        self._in_hand: list[Row | Packet] = []
         self._closing = False
         self._refused_records = 0
         self._refused_packets = 0
@@ -158,11 +158,9 @@ class Journal:
         self._packet(packet)
 
     def flush(self) -> None:
-        """Wait until everything recorded so far is written and synced."""
+        """Wait until everything recorded so far is written, or lost."""
         with self._changed:
-            self._changed.wait_for(
-                lambda: not self._thread.is_alive() or not (self._waiting or self._at_work)
-            )
+            self._changed.wait_for(lambda: not (self._waiting or self._in_hand))
 
     def close(self) -> None:
         """Write and sync what is left; nothing is recorded afterwards."""
@@ -175,8 +173,7 @@ class Journal:
         self._sequence += 1
         try:
             payload = encode(*content)
-        except (TypeError, ValueError, OverflowError) as error:
-            # What can't be written down must not end the survey.
+        except Exception as error:  # noqa: BLE001 -- what can't be written down must not end the survey
             log.error("a record can't be written: %s", error)
             self._refused_records += 1
             return
@@ -207,8 +204,11 @@ class Journal:
             log.exception("the journal ends over an error of its own")
             with self._changed:
                 self._failure = f"ended over an error of its own: {error}"
-                self._refused_records += sum(isinstance(item, Row) for item in self._waiting)
+                lost = [*self._in_hand, *self._waiting]
+                self._refused_records += sum(isinstance(item, Row) for item in lost)
+                self._refused_packets += sum(isinstance(item, Packet) for item in lost)
                 self._waiting.clear()
+                self._in_hand = []
                 self._changed.notify_all()
         finally:
             self._store.close()
@@ -236,14 +236,14 @@ class Journal:
             self._changed.wait_for(lambda: self._waiting or self._closing, patience_s)
             items = list(self._waiting)
             self._waiting.clear()
-            self._at_work = bool(items)
+            self._in_hand = items
             return items, self._closing
 
     def _done(self, items: Sequence[Row | Packet]) -> None:
         with self._changed:
             for item in items:
                 self._room += _ITEM_BYTES + len(item.payload if isinstance(item, Row) else item.data)
-            self._at_work = False
+            self._in_hand = []
             self._changed.notify_all()
 
 
@@ -265,9 +265,7 @@ def open_journal(
         return None, ""
     try:
         folder = section.directory or state_directory(configuration.vehicle.name, environment) / "journal"
-        header = make_header(
-            configuration, survey, now=time.monotonic(), utc_s=time.time(), resumed=resumed
-        )
+        header = make_header(configuration, survey, now=time.monotonic(), utc_s=time.time(), resumed=resumed)
         journal = Journal.open(folder, section, header)
     except BlockingIOError:
         problem = f"another service records in {folder}"
