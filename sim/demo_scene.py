@@ -103,6 +103,8 @@ def write_files(field: Field, folder: Path, ports: dict[str, int]) -> tuple[Path
         "exploration": {"maximum_interval_s": None},
         "shore": {"connect": [f"tcp/127.0.0.1:{ports['shore']}"], "model_period_s": 1.0},
         "journal": {"directory": "journal"},
+        # Every demo begins with nothing.
+        "checkpoint": {"enabled": False},
     }
     file = folder / "demo.yaml"
     file.write_text(yaml.safe_dump(settings, sort_keys=False), encoding="utf-8")

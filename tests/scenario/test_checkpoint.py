@@ -53,7 +53,7 @@ class Shadow:
 
     def __init__(self, core: Core, twin: Core) -> None:
         self.twin = twin
-        self.effects = 0
+        self.effects = self.jobs = 0
         handle = core.handle
 
         def both(now: float, event: Event) -> list[Effect]:
@@ -62,6 +62,7 @@ class Shadow:
             assert told(theirs) == told(effects), (now, event)
             assert twin.next_deadline() == core.next_deadline()
             self.effects += len(effects)
+            self.jobs += isinstance(event, JobFinished)
             return effects
 
         core.handle = both  # type: ignore[method-assign]
@@ -73,7 +74,7 @@ def test_the_same_events_bring_the_same_decisions(voyage: Any, sail_s: float) ->
     shadow = Shadow(voyage.core, twin_of(voyage))
     voyage.advance(600.0)
     assert shadow.effects > 500
-    assert voyage.lines("re-estimated", since=1000.0 + sail_s)
+    assert shadow.jobs
 
 
 # Restarts: a new core, the same vessel ---------------------------------------------------------------------------
