@@ -4,7 +4,7 @@ from autonomy.learning.choice import Choice, choose
 from autonomy.learning.field_model import FieldModel, Prediction
 from autonomy.learning.fitting import Fit, Method, fit
 from autonomy.learning.history import History, HistoryCells
-from autonomy.learning.kernel import Hyperparameters, covariance
+from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
 from autonomy.learning.likelihood import log_marginal_likelihood, loo_log_likelihood
 from autonomy.learning.rebuild import Reestimate, ReestimateRequest, reestimate
@@ -28,7 +28,6 @@ __all__ = [
     "SparseOnlineGP",
     "Update",
     "choose",
-    "covariance",
     "fit",
     "log_marginal_likelihood",
     "loo_log_likelihood",

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from autonomy.learning.kernel import FloatArray, Group, Kernel
+from autonomy.learning.kernel import Group, Kernel
+from autonomy.learning.numbers import FloatArray
 
 
 def prior_factor(basis: FloatArray, group: Group, jitter: float) -> FloatArray:

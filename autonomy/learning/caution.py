@@ -7,24 +7,27 @@ it; shares, length-scales, time-scales and noise stay, so that the map itself ha
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
-from autonomy.learning.kernel import FloatArray, Kernel
+from autonomy.learning.kernel import Kernel
+from autonomy.learning.numbers import FloatArray
 
-# Measured on 56 surveys of real and synthetic fields: with 4 the 95 % intervals hold .91 to .975 of the values in every
+# Chosen on 56 surveys of real and synthetic fields: with 4 the 95 % intervals hold .91 to .975 of the values in every
 # tenth of them; with 3 too few in the second, with 0 (the most probable variance) .74 there and .865 of all.
+# See docs/decisions/0004.
 _PER_DOUBT = 4.0
+# So that a fit which tells next to nothing raises the variance by no more than a factor of 400.
 _MOST_DOUBT = 1.5
-# Of the first readings, which are of one short stretch.
+# Chosen on the same surveys. The first readings are of one stretch, and their variance is hardly known itself; where
+# they are nearly one place, it is not at all.
 _AT_BIRTH = 50.0
 _MOST_AT_BIRTH = 5e3
 
 
 def cautious(kernel: Kernel, doubt: float) -> Kernel:
     """`kernel` with its signal variance × exp(4·doubt), where `doubt` is the posterior variance of its logarithm."""
-    return louder(kernel, math.exp(_PER_DOUBT * min(doubt, _MOST_DOUBT)))
+    return kernel.scaled(math.exp(_PER_DOUBT * min(doubt, _MOST_DOUBT)), 1.0)
 
 
 def at_birth(kernel: Kernel, places: FloatArray) -> Kernel:
@@ -33,13 +36,7 @@ def at_birth(kernel: Kernel, places: FloatArray) -> Kernel:
     The readings of a stretch shorter than the length-scales vary by σf²(1 − ρ), ρ the mean of their correlations.
     """
     alike = float(kernel.covariance(places, places).mean()) / kernel.signal_variance
-    return louder(kernel, _AT_BIRTH / max(1.0 - alike, _AT_BIRTH / _MOST_AT_BIRTH))
-
-
-def louder(kernel: Kernel, factor: float) -> Kernel:
-    """`kernel` with its signal variance × `factor`."""
-    components = tuple(replace(c, variance=c.variance * factor) for c in kernel.components)
-    return Kernel(components, kernel.noise_variance)
+    return kernel.scaled(min(_AT_BIRTH / max(1.0 - alike, 1e-300), _MOST_AT_BIRTH), 1.0)
 
 
 def posterior_variance(precision: FloatArray, widest: float) -> float:

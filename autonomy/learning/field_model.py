@@ -6,17 +6,18 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpstrf
 
 from autonomy.learning import motion
 from autonomy.learning.grids import GridCovariance
-from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel, as_points, as_vector
+from autonomy.learning.kernel import Hyperparameters, Kernel, as_kernel
+from autonomy.learning.numbers import FloatArray, as_points, as_vector
 from autonomy.learning.prediction import Prediction
 from autonomy.learning.transform import Identity, Transform
 
-__all__ = ["FieldModel", "Prediction"]
+__all__ = ["FieldModel", "Prediction", "field_coordinates"]
 
 # Entries of the covariance handled at once: 2 MB stay in the cache, which is worth more than longer GEMMs.
 _CHUNK_BYTES = 2_000_000
@@ -70,7 +71,7 @@ class FieldModel:
         cls, kernel: Kernel | Hyperparameters, prior_mean: float = 0.0, jitter: float = 1e-8
     ) -> "FieldModel":
         """The belief before any reading."""
-        kernel = kernel if isinstance(kernel, Kernel) else kernel.kernel
+        kernel = as_kernel(kernel)
         factors = tuple(np.zeros((0, 0)) for _ in kernel.groups)
         nothing = (np.zeros((0, kernel.dimensions)), factors, np.zeros(0), np.zeros((0, 0)))
         return cls(kernel, prior_mean, jitter, *nothing)
@@ -102,9 +103,7 @@ class FieldModel:
         instead of a triangular solve and a GEMM. Squares of a factor cannot go wrong the way the difference
         F⁻ᵀ(I − S)F⁻¹ itself does, whose entries are as large as 1/jitter.
         """
-        m, groups = len(self), self.kernel.groups
-        first = np.cumsum([0] + [group.time.states for group in groups[:-1]])
-        coordinates = (first[:, None] * m + np.arange(m)).ravel()
+        m, coordinates = len(self), field_coordinates(self.kernel, len(self))
         gain = np.eye(len(coordinates)) - self.whitened_covariance[np.ix_(coordinates, coordinates)]
         if not len(gain):
             return np.zeros((1, 0))
@@ -217,6 +216,13 @@ class FieldModel:
     @property
     def _chunk(self) -> int:
         return max(64, _CHUNK_BYTES // (8 * max(1, len(self) * len(self.factors))))
+
+
+def field_coordinates(kernel: Kernel, m: int) -> NDArray[np.intp]:
+    """Where in a state (D,) of `m` basis vectors the field's own coordinates are, (m × groups,): see `FieldModel`."""
+    blocks = np.cumsum([0, *(group.time.states for group in kernel.groups[:-1])])
+    coordinates: NDArray[np.intp] = (blocks[:, None] * m + np.arange(m)).ravel()
+    return coordinates
 
 
 def _column_squares(matrix: FloatArray) -> FloatArray:

@@ -40,19 +40,18 @@ def broken(state: FloatArray) -> str | None:
 
     Finite, symmetric, the eigenvalues of S in [0, 1]: two attempts at a Cholesky factor tell.
     """
-    S, size = state[:-1], state.shape[1]
+    size = state.shape[1]
     if not np.isfinite(state).all():
         row, column = np.argwhere(~np.isfinite(state))[0].tolist()
         what = f"mean[{column}]" if row == size else f"covariance[{row}, {column}]"
         return f"the state's {what} is {state[row, column]}"
-    skew = float(np.abs(S - S.T).max(initial=0.0))
+    # All in column order, or most of the time would go into copies.
+    S = state[:-1].copy(order="F")
+    skew = float(np.abs(S - S.T.copy(order="F")).max(initial=0.0))
     if skew > TOLERANCE:
         return f"the state's covariance is not symmetric: it differs from its transpose by {skew:.3g}"
-    identity = np.eye(size)
-    for matrix, what in (
-        (S + TOLERANCE * identity, "negative"),
-        ((1.0 + TOLERANCE) * identity - S, "above 1, the prior's"),
-    ):
+    for matrix, least, what in ((S, 0.0, "negative"), (-S, -1.0, "above 1, the prior's")):
+        matrix.ravel(order="K")[:: size + 1] += TOLERANCE - least
         if size and dpotrf(matrix, lower=1, overwrite_a=1)[1]:
             return f"the state's covariance has an eigenvalue that is {what}"
     return None

@@ -5,26 +5,14 @@ behind "x equals x'": a place visited twice would make the covariance of the rea
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from autonomy.learning.numbers import FloatArray, as_points, as_vector, lengthscales, positive
+from autonomy.learning.numbers import FloatArray, lengthscales, positive
 from autonomy.learning.spatial import SpatialKernel, SquaredExponential
 from autonomy.learning.temporal import OrnsteinUhlenbeck, Static, TemporalKernel
-
-__all__ = [
-    "Component",
-    "FloatArray",
-    "Group",
-    "Hyperparameters",
-    "Kernel",
-    "as_points",
-    "as_vector",
-    "covariance",
-    "squared_distances",
-]
 
 
 @dataclass(frozen=True)
@@ -129,6 +117,11 @@ class Kernel:
             component.time.timescale_s,
         )
 
+    def scaled(self, signal: float, noise: float) -> "Kernel":
+        """This kernel with its signal variance × `signal` and its noise variance × `noise`."""
+        components = tuple(replace(c, variance=c.variance * signal) for c in self.components)
+        return Kernel(components, self.noise_variance * noise)
+
     def covariance(self, a: FloatArray, b: FloatArray, lag_s: FloatArray | None = None) -> FloatArray:
         """Covariance of the field between `a` (n, d) and `b` (k, d): shape (n, k).
 
@@ -177,6 +170,11 @@ class Hyperparameters:
         return Kernel((component,), self.noise_variance)
 
 
+def as_kernel(kernel: Kernel | Hyperparameters) -> Kernel:
+    """The kernel, whichever way it was given."""
+    return kernel.kernel if isinstance(kernel, Hyperparameters) else kernel
+
+
 def squared_distances(a: FloatArray, b: FloatArray, lengthscales_m: tuple[float, ...]) -> FloatArray:
     """s = Σ ((a_i − b_i)/l_i)² between `a` (n, d) and `b` (k, d): shape (n, k)."""
     total = np.zeros((len(a), len(b)))
@@ -187,8 +185,3 @@ def squared_distances(a: FloatArray, b: FloatArray, lengthscales_m: tuple[float,
         np.multiply(difference, difference, out=difference)
         total += difference
     return total
-
-
-def covariance(a: FloatArray, b: FloatArray, h: Hyperparameters) -> FloatArray:
-    """Noise-free covariance of the field at one moment between `a` (n, d) and `b` (k, d): shape (n, k)."""
-    return h.kernel.covariance(a, b)

@@ -13,8 +13,9 @@ from autonomy.learning.capacity import MOST, Budget
 from autonomy.learning.caution import at_birth
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.history import History
-from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel
+from autonomy.learning.kernel import Hyperparameters, Kernel
 from autonomy.learning.lookahead import DISTANCES_PER_SPAN, Lookahead
+from autonomy.learning.numbers import FloatArray
 from autonomy.learning.rebuild import Build, Reestimate, ReestimateRequest
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 from autonomy.learning.structures import STRUCTURES, Scales

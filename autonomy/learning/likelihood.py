@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from scipy.linalg.blas import dsymv, dsyr, dsyr2, dsyrk
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtpttr, dtrttp
 
-from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel, as_points, as_vector
+from autonomy.learning.kernel import Hyperparameters, Kernel, as_kernel
+from autonomy.learning.numbers import FloatArray, as_points, as_vector
 from autonomy.learning.temporal import TemporalKernel
 
 MINIMUM_POINTS = 20
@@ -164,14 +165,14 @@ class Readings:
         """The generalised-least-squares mean under `kernel`, or the fixed one."""
         if not self.unknown_mean:
             return self.fixed_mean
-        factor = self._factor(_Covariance(self._pairs, _kernel(kernel)))
+        factor = self._factor(_Covariance(self._pairs, as_kernel(kernel)))
         weights = dpotrs(factor, np.ones(self.n), lower=1)[0]
         # A length-scale beyond the survey can put the mean anywhere; one outside all readings helps nobody.
         return float(np.clip(weights @ self.y / weights.sum(), self.y.min(), self.y.max()))
 
     def loo(self, kernel: Kernel | Hyperparameters) -> tuple[float, FloatArray]:
         """Leave-one-out log predictive probability and its gradient; an unknown mean is left out with it."""
-        prior = _Covariance(self._pairs, _kernel(kernel))
+        prior = _Covariance(self._pairs, as_kernel(kernel))
         alpha, P, _ = self._solve(prior)
         precision = np.diagonal(P).copy()
         value = 0.5 * float((np.log(precision) - alpha**2 / precision).sum()) - 0.5 * self.n * _LOG_2PI
@@ -185,7 +186,7 @@ class Readings:
 
     def marginal(self, kernel: Kernel | Hyperparameters) -> tuple[float, FloatArray]:
         """Log marginal likelihood (restricted, if the mean is unknown) and its gradient."""
-        prior = _Covariance(self._pairs, _kernel(kernel))
+        prior = _Covariance(self._pairs, as_kernel(kernel))
         alpha, P, log_determinant = self._solve(prior)
         degrees = self.n - 1 if self.unknown_mean else self.n
         value = -0.5 * float(self.y @ alpha) - 0.5 * log_determinant - 0.5 * degrees * _LOG_2PI
@@ -320,7 +321,3 @@ def _scaled(
     for square, lengthscale in zip(squares[1:], lengthscales_m[1:], strict=True):
         np.multiply(square, lengthscale**-2, out=spare)
         out += spare
-
-
-def _kernel(kernel: Kernel | Hyperparameters) -> Kernel:
-    return kernel.kernel if isinstance(kernel, Hyperparameters) else kernel

@@ -13,8 +13,9 @@ from autonomy.learning.caution import cautious
 from autonomy.learning.choice import Choice, choose, readings_of, stilled, structure
 from autonomy.learning.fitting import Fit, Method, fit
 from autonomy.learning.history import HistoryCells
-from autonomy.learning.kernel import FloatArray, Kernel
+from autonomy.learning.kernel import Kernel
 from autonomy.learning.likelihood import Readings
+from autonomy.learning.numbers import FloatArray
 from autonomy.learning.sparse_gp import SparseOnlineGP
 
 # On arrival novelty measures extrapolation, in a rebuild interpolation: the same threshold would leave

@@ -29,12 +29,12 @@ from typing import Any
 import cbor2
 import numpy as np
 import zstandard
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from autonomy.learning.basis import prior_factors
-from autonomy.learning.field_model import FieldModel
-from autonomy.learning.kernel import Component, FloatArray, Kernel
+from autonomy.learning.field_model import FieldModel, field_coordinates
+from autonomy.learning.kernel import Component, Kernel
+from autonomy.learning.numbers import FloatArray
 from autonomy.learning.spatial import SPATIAL
 from autonomy.learning.temporal import TEMPORAL, Static, TemporalKernel
 from autonomy.learning.transform import TRANSFORMS, Transform
@@ -117,7 +117,7 @@ def read(data: bytes) -> Snapshot:
 
 def _whitened(model: FieldModel) -> tuple[FloatArray, FloatArray]:
     """μ and I − S of the field, with respect to the factors that the other end will compute from the basis."""
-    m, field = len(model), _field_coordinates(model.kernel, len(model))
+    m, field = len(model), field_coordinates(model.kernel, len(model))
     mean = model.whitened_mean[field]
     gain = np.eye(len(field)) - model.whitened_covariance[np.ix_(field, field)]
     if m:
@@ -128,13 +128,6 @@ def _whitened(model: FieldModel) -> tuple[FloatArray, FloatArray]:
             gain[block] = change @ gain[block]
             gain[:, block] = gain[:, block] @ change.T
     return mean, gain
-
-
-def _field_coordinates(kernel: Kernel, m: int) -> NDArray[np.intp]:
-    """Where in the state (D,) the field's own coordinates (m × groups,) are: the first block of each group."""
-    blocks = np.cumsum([0, *(group.time.states for group in kernel.groups[:-1])])
-    coordinates: NDArray[np.intp] = (blocks[:, None] * m + np.arange(m)).ravel()
-    return coordinates
 
 
 def _component_map(component: Component) -> dict[str, Any]:
@@ -198,7 +191,7 @@ def _model(document: dict[str, Any]) -> FieldModel:
 
 def _state(document: dict[str, Any], kernel: Kernel, m: int) -> tuple[FloatArray, FloatArray]:
     """μ (D,) and S (D, D), the rates of change as the prior has them."""
-    field = _field_coordinates(kernel, m)
+    field = field_coordinates(kernel, m)
     n, size = len(field), m * kernel.states
     mean, covariance = np.zeros(size), np.eye(size)
     mean[field] = _array(document, "mean", _FLOAT32_LE, n)

@@ -21,8 +21,9 @@ from scipy.linalg import solve_triangular
 
 from autonomy.learning import arithmetic, invariants
 from autonomy.learning.field_model import FieldModel, Prediction
-from autonomy.learning.kernel import FloatArray, Hyperparameters, Kernel, as_points, as_vector
+from autonomy.learning.kernel import Hyperparameters, Kernel, as_kernel
 from autonomy.learning.members import IntArray, Members
+from autonomy.learning.numbers import FloatArray, as_points, as_vector
 from autonomy.learning.state import WhitenedState
 
 # Updates between looks at the variances of the state, and between looks at all of it, which costs as much as a
@@ -68,7 +69,7 @@ class SparseOnlineGP:
             raise ValueError(f"jitter is a share of the signal variance in (0, 0.01], not {jitter!r}")
         if not math.isfinite(prior_mean):
             raise ValueError(f"prior_mean must be finite, not {prior_mean!r}")
-        self.kernel = kernel if isinstance(kernel, Kernel) else kernel.kernel
+        self.kernel = as_kernel(kernel)
         self._capacity = _whole(capacity)
         self.novelty = float(novelty)
         self.jitter = float(jitter)
@@ -93,22 +94,22 @@ class SparseOnlineGP:
     @property
     def basis(self) -> FloatArray:
         """Basis vectors (m, d), metres, oldest first."""
-        return self._members.points.copy()
+        return self._members.points
 
     @property
     def basis_readings(self) -> FloatArray:
         """The reading (m,) that each basis vector was added with, in sensor units (not centred)."""
-        return self._members.readings.copy()
+        return self._members.readings
 
     @property
     def basis_counts(self) -> FloatArray:
         """How many readings (m,) each of `basis_readings` is the mean of: its noise is σn²/count."""
-        return self._members.counts.copy()
+        return self._members.counts
 
     @property
     def basis_births(self) -> IntArray:
         """The value of `updates` (m,) when each basis vector was added."""
-        return self._members.births.copy()
+        return self._members.births
 
     @property
     def residual(self) -> Residual | None:

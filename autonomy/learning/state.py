@@ -164,17 +164,25 @@ class WhitenedState:
 
     def model(self, members: Members, prior_mean: float) -> FieldModel:
         """A frozen copy."""
-        n = self._n
-        kept = (np.arange(len(self._blocks))[:, None] * n + np.arange(n - 1)).ravel()
-        S: FloatArray = self._matrix[np.ix_(kept, kept)]
+        n, m = self._n, self._n - 1
+        blocks = [(b * n, b * m) for b in range(len(self._blocks))]
+        # Block by block and in column order: a third of the time that picking entries would take.
+        S, mean = np.empty((m * len(blocks),) * 2, order="F"), np.empty(m * len(blocks))
+        for left, to in blocks:
+            mean[to : to + m] = self._matrix[-1, left : left + m]
+            for top, down in blocks:
+                S[down : down + m, to : to + m] = self._matrix[top : top + m, left : left + m]
+        symmetric = S.T.copy(order="F")
+        symmetric += S
+        symmetric *= 0.5
         return FieldModel(
             self._kernel,
             prior_mean,
             self._jitter,
             members.points,
             tuple(factor[:-1, :-1].copy(order="F") for factor in self._factors),
-            self._matrix[-1, kept],
-            np.asfortranarray(0.5 * (S + S.T)),
+            mean,
+            symmetric,
         )
 
     def _whiten_all(self, members: Members, points: FloatArray) -> tuple[FloatArray, FloatArray]:

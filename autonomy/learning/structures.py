@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from autonomy.learning.kernel import Component, FloatArray, Kernel
-from autonomy.learning.numbers import positive
+from autonomy.learning.kernel import Component, Kernel
+from autonomy.learning.numbers import FloatArray, positive
 from autonomy.learning.spatial import Matern32, SpatialKernel, SquaredExponential
 from autonomy.learning.temporal import MaternMotion, OrnsteinUhlenbeck, Static, TemporalKernel
 

@@ -9,7 +9,7 @@ from scipy.linalg.lapack import dpotrf
 from autonomy.config import EstimationSection
 from autonomy.learning.choice import choose
 from autonomy.learning.fitting import Method, fit
-from autonomy.learning.kernel import Hyperparameters, covariance
+from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
 from autonomy.learning.likelihood import Readings
 from autonomy.learning.rebuild import reestimate
@@ -34,7 +34,7 @@ def readings(n, noise=0.1):
     """A draw from the prior with noise."""
     rng = np.random.default_rng(3)
     x = rng.uniform(0, SPAN_M, (n, 2))
-    root = np.linalg.cholesky(covariance(x, x, H) + 1e-8 * np.eye(n))
+    root = np.linalg.cholesky(H.kernel.covariance(x, x) + 1e-8 * np.eye(n))
     return x, root @ rng.normal(size=n) + noise * rng.normal(size=n)
 
 
@@ -50,7 +50,7 @@ def fit_readings(n):
 def test_a_likelihood_with_its_gradient(report, seconds, objective, name, n):
     sample = fit_readings(n)
     kernel = STRUCTURES[name].median(Scales(SPAN_M, 1.0, sample.elapsed_s))
-    K = np.asfortranarray(covariance(sample.x, sample.x, H) + 0.01 * np.eye(n))
+    K = np.asfortranarray(H.kernel.covariance(sample.x, sample.x) + 0.01 * np.eye(n))
     factorised = seconds(lambda: dpotrf(K, lower=1), 50)
     spent = seconds(lambda: getattr(sample, objective)(kernel), 50)
     report(f"{objective} and gradient, {name}, n = {n}", spent, "Cholesky", factorised)
@@ -91,7 +91,7 @@ def test_a_whole_reestimate(report, seconds):
         learner.add(at, float(np.sin(at[0] / 40.0) * np.cos(at[1] / 50.0) + 0.05 * rng.normal()), 10.0 * k)
     request = learner.reestimate_request(0, EstimationSection())
     cells = request.cells
-    dense = covariance(cells.points, cells.points, H) + 0.01 * np.eye(len(cells))
+    dense = H.kernel.covariance(cells.points, cells.points) + 0.01 * np.eye(len(cells))
     factorised = seconds(lambda: np.linalg.cholesky(dense), 3)
     spent = seconds(lambda: reestimate(request), 3)
     note = f"fit, new basis, {len(cells)} cells absorbed"

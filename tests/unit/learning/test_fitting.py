@@ -4,8 +4,8 @@ import pickle
 import numpy as np
 import pytest
 
-from autonomy.learning.fitting import Method, fit, scaled
-from autonomy.learning.kernel import Component, Hyperparameters, Kernel, covariance
+from autonomy.learning.fitting import Method, fit
+from autonomy.learning.kernel import Component, Hyperparameters, Kernel
 from autonomy.learning.likelihood import Readings, log_parameters
 from autonomy.learning.spatial import SquaredExponential
 from autonomy.learning.structures import STRUCTURES, Scales
@@ -20,7 +20,7 @@ PAPER = Method("loo", "gradient_ascent", priors=False, iterations=300)
 def drawn(seed, n=150, h=TRUE, mean=33.5):
     rng = np.random.default_rng(seed)
     x = rng.uniform(0, SPAN, (n, 2))
-    K = covariance(x, x, h) + h.noise_variance * np.eye(n)
+    K = h.kernel.covariance(x, x) + h.noise_variance * np.eye(n)
     return x, mean + np.linalg.cholesky(K) @ rng.normal(size=n)
 
 
@@ -70,7 +70,7 @@ def test_units_and_offset_of_the_sensor_do_not_matter(structure, factor, shift):
     start = structure.median(Scales(0.5 * SPAN, 0.7, 5000.0))
     plain = fit(readings(x, y, None, t), structure, SPAN, start)
     shifted = readings(x, factor * (y + shift), None, t)
-    other = fit(shifted, structure, SPAN, scaled(start, factor**2))
+    other = fit(shifted, structure, SPAN, start.scaled(factor**2, factor**2))
     mean, sd = exact(plain, x, t, y, places)
     other_mean, other_sd = exact(other, x, t, shifted.y, places)
     np.testing.assert_allclose(other_mean, factor * (mean + shift), rtol=0, atol=1e-9 * abs(factor))
@@ -92,7 +92,7 @@ def test_a_short_track_does_not_run_away_with_priors():
     for seed in range(20):
         rng = np.random.default_rng(seed)
         x = np.cumsum(rng.normal([10.0, 3.0], 2.0, (25, 2)), axis=0)
-        K = covariance(x, x, TRUE) + TRUE.noise_variance * np.eye(25)
+        K = TRUE.kernel.covariance(x, x) + TRUE.noise_variance * np.eye(25)
         y = np.linalg.cholesky(K) @ rng.normal(size=25)
         found = fit(readings(x, y), SE, SPAN, method=Method("loo"))
         assert 15 < found.hyperparameters.lengthscales_m[0] < 1500

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from autonomy.learning.kernel import Component, Hyperparameters, Kernel, covariance
+from autonomy.learning.kernel import Component, Hyperparameters, Kernel
 from autonomy.learning.spatial import SPATIAL, Matern32, SquaredExponential
 from autonomy.learning.temporal import MaternMotion, OrnsteinUhlenbeck, Static
 
@@ -11,7 +11,7 @@ from autonomy.learning.temporal import MaternMotion, OrnsteinUhlenbeck, Static
 def test_covariance_is_the_squared_exponential_with_a_lengthscale_per_axis():
     h = Hyperparameters(2.0, 0.1, (10.0, 40.0))
     a, b = np.array([[1.0, 2.0], [5.0, -3.0]]), np.array([[0.0, 0.0], [7.0, 8.0], [1.0, 2.0]])
-    K = covariance(a, b, h)
+    K = h.kernel.covariance(a, b)
     for i in range(2):
         for j in range(3):
             dx, dy = a[i] - b[j]
@@ -22,14 +22,14 @@ def test_covariance_is_the_squared_exponential_with_a_lengthscale_per_axis():
 
 def test_noise_takes_no_part_where_places_coincide():
     h = Hyperparameters(2.0, 0.5, (10.0, 10.0))
-    assert covariance(np.ones((1, 2)), np.ones((1, 2)), h)[0, 0] == 2.0
+    assert h.kernel.covariance(np.ones((1, 2)), np.ones((1, 2)))[0, 0] == 2.0
 
 
 def test_covariance_stays_exact_far_from_the_origin():
     h = Hyperparameters(1.0, 0.1, (10.0, 10.0))
     a, b, far = np.array([[0.0, 0.0]]), np.array([[3.0, 4.0]]), np.array([2.0**17, -(2.0**17)])
     # 2**17 / 10 is not exact in binary: what remains is the rounding of the scaled coordinates.
-    assert covariance(a + far, b + far, h) == pytest.approx(covariance(a, b, h), rel=1e-11)
+    assert h.kernel.covariance(a + far, b + far) == pytest.approx(h.kernel.covariance(a, b), rel=1e-11)
 
 
 @pytest.mark.parametrize("scales", [[5, 6], (5.0, 6.0), np.array([5.0, 6.0])])

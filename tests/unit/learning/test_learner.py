@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from autonomy.config import EstimationSection
-from autonomy.learning.kernel import Hyperparameters, covariance
+from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
 from autonomy.learning.rebuild import reestimate
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
@@ -142,9 +142,9 @@ def test_a_rebuild_is_nearly_as_good_as_the_exact_process_on_all_readings(factor
 
 
 def dense_mean(x, y, h, prior_mean):
-    K = covariance(x, x, h)
+    K = h.kernel.covariance(x, x)
     K[np.diag_indices(len(x))] += h.noise_variance
-    return prior_mean + covariance(grid(), x, h) @ np.linalg.solve(K, y - prior_mean)
+    return prior_mean + h.kernel.covariance(grid(), x) @ np.linalg.solve(K, y - prior_mean)
 
 
 def test_readings_that_come_during_a_job_are_not_lost():

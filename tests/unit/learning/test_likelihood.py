@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from autonomy.learning.kernel import Component, Hyperparameters, Kernel, covariance
+from autonomy.learning.kernel import Component, Hyperparameters, Kernel
 from autonomy.learning.likelihood import Readings, log_marginal_likelihood, log_parameters, loo_log_likelihood
 from autonomy.learning.spatial import Matern32, SquaredExponential
 from autonomy.learning.temporal import MaternMotion, OrnsteinUhlenbeck
@@ -129,8 +129,8 @@ def test_loo_is_brute_force_leave_one_out(scaled):
     total = 0.0
     for i in range(40):
         rest = np.arange(40) != i
-        K = covariance(x[rest], x[rest], H) + np.diag(noise[rest])
-        k = covariance(x[rest], x[[i]], H)[:, 0]
+        K = H.kernel.covariance(x[rest], x[rest]) + np.diag(noise[rest])
+        k = H.kernel.covariance(x[rest], x[[i]])[:, 0]
         mean = k @ np.linalg.solve(K, y[rest])
         variance = H.signal_variance + noise[i] - k @ np.linalg.solve(K, k)
         total += log_density(y[i], mean, variance)
@@ -143,8 +143,8 @@ def test_loo_with_an_unknown_mean_estimates_it_from_the_others():
     total = 0.0
     for i in range(25):
         rest = np.arange(25) != i
-        K = covariance(x[rest], x[rest], H) + H.noise_variance * np.eye(24)
-        k, ones = covariance(x[rest], x[[i]], H)[:, 0], np.ones(24)
+        K = H.kernel.covariance(x[rest], x[rest]) + H.noise_variance * np.eye(24)
+        k, ones = H.kernel.covariance(x[rest], x[[i]])[:, 0], np.ones(24)
         weight = ones @ np.linalg.solve(K, ones)
         mean = ones @ np.linalg.solve(K, y[rest]) / weight
         predicted = mean + k @ np.linalg.solve(K, y[rest] - mean)
@@ -156,7 +156,7 @@ def test_loo_with_an_unknown_mean_estimates_it_from_the_others():
 
 def test_marginal_likelihood_is_the_joint_normal_density():
     x, y, scale = readings(3, 30)
-    K = covariance(x, x, H) + np.diag(H.noise_variance * scale)
+    K = H.kernel.covariance(x, x) + np.diag(H.noise_variance * scale)
     expected = -0.5 * (y @ np.linalg.solve(K, y) + np.linalg.slogdet(2 * math.pi * K)[1])
     assert log_marginal_likelihood(x, y, H, scale)[0] == pytest.approx(expected, abs=1e-8)
 

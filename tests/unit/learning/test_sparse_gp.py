@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from autonomy.learning.kernel import Hyperparameters, covariance
+from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 
 H = Hyperparameters(2.0, 0.02, (30.0, 50.0))
@@ -16,10 +16,10 @@ H = Hyperparameters(2.0, 0.02, (30.0, 50.0))
 def dense(x, y, h, points, prior_mean=0.0, noise=None):
     """The textbook posterior: mean (n,) and full covariance (n, n)."""
     noise = np.full(len(x), h.noise_variance) if noise is None else noise
-    K = covariance(x, x, h) + np.diag(noise)
-    k = covariance(x, points, h)
+    K = h.kernel.covariance(x, x) + np.diag(noise)
+    k = h.kernel.covariance(x, points)
     mean = prior_mean + k.T @ np.linalg.solve(K, y - prior_mean)
-    return mean, covariance(points, points, h) - k.T @ np.linalg.solve(K, k)
+    return mean, h.kernel.covariance(points, points) - k.T @ np.linalg.solve(K, k)
 
 
 def readings(seed, n, extent=200.0):
@@ -132,8 +132,8 @@ def test_on_a_frozen_basis_the_stream_is_batch_fitc():
 
 def fitc(x, y, basis, h, points, jitter=1e-8):
     """Snelson & Ghahramani 2006, literally."""
-    K = covariance(basis, basis, h) + jitter * h.signal_variance * np.eye(len(basis))
-    Kx, Ks = covariance(basis, x, h), covariance(basis, points, h)
+    K = h.kernel.covariance(basis, basis) + jitter * h.signal_variance * np.eye(len(basis))
+    Kx, Ks = h.kernel.covariance(basis, x), h.kernel.covariance(basis, points)
     noise = (
         h.signal_variance * (1 + jitter)
         - np.einsum("ij,ij->j", Kx, np.linalg.solve(K, Kx))
@@ -149,11 +149,11 @@ def test_the_views_alpha_c_and_q_are_those_of_the_textbook():
     x, y = readings(7, 30)
     gp = fed(SparseOnlineGP(H, 20, novelty=1e-2, prior_mean=0.5), x, y)
     points = readings(8, 20)[0]
-    k = covariance(gp.basis, points, H)
+    k = H.kernel.covariance(gp.basis, points)
     prediction = gp.predict(points)
     np.testing.assert_allclose(0.5 + gp.alpha @ k, prediction.mean, atol=1e-9)
     np.testing.assert_allclose(2.0 + np.einsum("ij,ij->j", k, gp.C @ k), prediction.variance, atol=1e-7)
-    K = covariance(gp.basis, gp.basis, H) + 2e-8 * np.eye(len(gp))
+    K = H.kernel.covariance(gp.basis, gp.basis) + 2e-8 * np.eye(len(gp))
     np.testing.assert_allclose(gp.Q @ K, np.eye(len(gp)), atol=1e-5)
 
 
@@ -248,13 +248,13 @@ def test_forgetting_is_exact_for_the_separable_kernel():
         gp.update(x[i], y[i])
     gp.advance(15.0)
     points = readings(13, 40)[0]
-    K = covariance(x, x, h) * np.exp(-abs(np.subtract.outer(t, t)) / 100.0)
-    k = covariance(x, points, h) * np.exp(-(t[-1] + 15.0 - t) / 100.0)[:, None]
+    K = h.kernel.covariance(x, x) * np.exp(-abs(np.subtract.outer(t, t)) / 100.0)
+    k = h.kernel.covariance(x, points) * np.exp(-(t[-1] + 15.0 - t) / 100.0)[:, None]
     noisy = K + 0.02 * np.eye(30)
     np.testing.assert_allclose(
         gp.predict(points).mean, 0.4 + k.T @ np.linalg.solve(noisy, y - 0.4), atol=1e-7
     )
-    posterior = covariance(points, points, h) - k.T @ np.linalg.solve(noisy, k)
+    posterior = h.kernel.covariance(points, points) - k.T @ np.linalg.solve(noisy, k)
     np.testing.assert_allclose(gp.covariance(points), posterior, atol=1e-7)
 
 
