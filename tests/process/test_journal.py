@@ -75,7 +75,7 @@ def test_killed_at_any_moment_nothing_is_missing_and_the_run_replays(tmp_path: P
 
 
 def test_a_run_that_went_on_after_a_kill_replays_from_the_first(tmp_path: Path) -> None:
-    """The second run's core came from a checkpoint and the first run's records; replay comes to the same without one."""
+    """The second run's core came from a checkpoint and the records since; replay comes to the same without it."""
     port, folder = free_port(), tmp_path / "journal"
     config = configure(tmp_path, f"udpin:127.0.0.1:{port}", journal={"directory": "journal"})
     state = {"XDG_STATE_HOME": str(tmp_path / "state")}
