@@ -10,8 +10,9 @@ from autonomy.learning.fitting import Fit, Method, doubt, fit
 from autonomy.learning.history import HistoryCells
 from autonomy.learning.kernel import Component, Kernel
 from autonomy.learning.likelihood import Readings
-from autonomy.learning.structures import STRUCTURES, Structure
+from autonomy.learning.structures import STRUCTURES, structure_named
 
+# What these are measured by: docs/decisions/0003.
 INCUMBENT_BONUS = 2.0
 # Beyond this many times the elapsed time a time-scale is as good as infinite, but would still let the model forget.
 _STILL_BEYOND = 20.0
@@ -34,14 +35,6 @@ class Choice:
     scores: dict[str, float]
     starts: dict[str, Kernel]
     doubt: float = 0.0
-
-
-def structure(name: str) -> Structure:
-    """The structure of this name; ValueError names those that exist."""
-    try:
-        return STRUCTURES[name]
-    except KeyError:
-        raise ValueError(f"there is no structure {name!r}, only {', '.join(STRUCTURES)}") from None
 
 
 def readings_of(
@@ -70,7 +63,7 @@ def choose(
     is taken out of the winner's kernel. Never raises for degenerate readings; ValueError for unknown or no
     candidates.
     """
-    known = [structure(name) for name in candidates]
+    known = [structure_named(name) for name in candidates]
     if not known:
         raise ValueError(f"no candidates: give at least one of {', '.join(STRUCTURES)}")
     starts = dict(starts or {})
@@ -83,7 +76,7 @@ def choose(
     unsure = (
         0.0
         if winner.kept_start
-        else doubt(readings, structure(winner.structure), span_m, winner.kernel, method or Method())
+        else doubt(readings, structure_named(winner.structure), span_m, winner.kernel, method or Method())
     )
     return Choice(replace(winner, kernel=stilled(winner.kernel, readings.elapsed_s)), scores, starts, unsure)
 

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from autonomy.learning.caution import posterior_variance
 from autonomy.learning.kernel import Hyperparameters, Kernel
 from autonomy.learning.likelihood import Readings
-from autonomy.learning.numbers import FloatArray, positive
+from autonomy.learning.numbers import FloatArray, positive, positive_variance
 from autonomy.learning.structures import Priors, Scales, Structure
 
 Objective = Literal["loo", "marginal"]
@@ -161,11 +161,8 @@ def _restored_mean(readings: Readings, standard: Readings, unit: float, kernel: 
 
 def _kept(readings: Readings, structure: Structure, span_m: float, start: Kernel | None, reason: str) -> Fit:
     if start is None:
-        variance = float(readings.y.var()) if readings.n else 0.0
-        largest = float(np.abs(readings.y).max()) if readings.n else 0.0
-        floor = (1e-9 * (largest or 1.0)) ** 2
-        elapsed_s = readings.elapsed_s or 1.0
-        start = structure.median(Scales(span_m, max(variance, floor) if readings.n else 1.0, elapsed_s))
+        variance = positive_variance(readings.y) if readings.n else 1.0
+        start = structure.median(Scales(span_m, variance, readings.elapsed_s or 1.0))
     mean = readings.plain_mean()
     return Fit(structure.name, start, mean, -math.inf, -math.inf, 0, False, reason, kept_start=True)
 

@@ -27,7 +27,7 @@ _Index = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class HistoryCells:
-    """Averages, oldest first: `points` (n, d) m, `means` (n,) sensor units, `counts` and `times_s` (n,)."""
+    """Averages, oldest first: `points` (n, d) m, `means` (n,) in the units of what was added, `counts`, `times_s`."""
 
     points: FloatArray
     means: FloatArray

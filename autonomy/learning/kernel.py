@@ -17,7 +17,7 @@ from autonomy.learning.temporal import OrnsteinUhlenbeck, Static, TemporalKernel
 
 @dataclass(frozen=True)
 class Component:
-    """One summand of the field: `variance` (squared sensor units) × spatial × temporal correlation."""
+    """One summand of the field: `variance` (squared units of what is learnt) × spatial × temporal correlation."""
 
     variance: float
     space: SpatialKernel
@@ -140,7 +140,7 @@ class Kernel:
 class Hyperparameters:
     """The paper's case in one value: one squared-exponential component, static or forgetting.
 
-    Variances in squared sensor units, length-scales in metres, one per axis. `timescale_s` is the decay time
+    Variances in squared units of what is learnt, length-scales in metres, one per axis. `timescale_s` is the decay time
     of the field's memory (Ornstein–Uhlenbeck); infinity means a still field. Raises ValueError for anything
     that is not positive, and for infinities anywhere but in `timescale_s`.
     """

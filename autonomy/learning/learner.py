@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike
 
 from autonomy.config import EstimationSection
 from autonomy.learning.calibration import Calibration
-from autonomy.learning.capacity import MOST, Budget
+from autonomy.learning.capacity import MOST, Budget, replacement_us
 from autonomy.learning.caution import at_birth
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.history import History
 from autonomy.learning.kernel import Hyperparameters, Kernel
 from autonomy.learning.lookahead import DISTANCES_PER_SPAN, Lookahead
-from autonomy.learning.numbers import FloatArray
+from autonomy.learning.numbers import FloatArray, positive_variance
 from autonomy.learning.rebuild import Build, Reestimate, ReestimateRequest
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 from autonomy.learning.structures import STRUCTURES, Scales
@@ -23,10 +23,8 @@ from autonomy.learning.transform import Identity, Transform
 
 _DIMENSIONS = 2
 _FIRST_STRUCTURE = "squared_exponential"
-# How many readings a caller with other duties can afford to have learnt at once: a replacing update costs
-# about _FIXED_COST + D² (in units of 10 ns), a slice about 10 ms of one core, whatever the size D of the state.
-_SLICE_COST = 1_000_000
-_FIXED_COST = 8_000
+# What a caller with other duties can afford to have learnt at once.
+_SLICE_US = 10_000.0
 
 # Its number, place, value and time.
 _Reading = tuple[int, FloatArray, float, float]
@@ -245,7 +243,7 @@ class Learner:
     @property
     def _slice(self) -> int:
         size = self.capacity * (self._prior if self._gp is None else self._gp).kernel.states
-        return max(1, _SLICE_COST // (_FIXED_COST + size**2))
+        return max(1, int(_SLICE_US / replacement_us(size)))
 
     @property
     def _newest_s(self) -> float:
@@ -264,7 +262,7 @@ class Learner:
     def _give_birth(self) -> Update | None:
         values = np.array([value for _, _, value, _ in self._collected])
         places = np.array([place for _, place, _, _ in self._collected])
-        kernel = self._given or at_birth(self._median_kernel(_safe_variance(values)), places)
+        kernel = self._given or at_birth(self._median_kernel(positive_variance(values)), places)
         self._gp = self._build.model(kernel, float(values.mean()))
         self._waiting.extend(self._collected)
         self._collected = []
@@ -304,9 +302,3 @@ class Learner:
         self._time_s = now_s
         self.repairs += 1
         self.mark()
-
-
-def _safe_variance(values: FloatArray) -> float:
-    """The variance of the readings; something tiny but positive if they do not vary."""
-    scale = float(np.abs(values).max()) or 1.0
-    return max(float(values.var()), (1e-9 * scale) ** 2)

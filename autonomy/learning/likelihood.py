@@ -17,7 +17,7 @@ from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtpttr, dtrttp
 
 from autonomy.learning.kernel import Hyperparameters, Kernel, as_kernel
 from autonomy.learning.numbers import FloatArray, as_points, as_vector
-from autonomy.learning.temporal import TemporalKernel
+from autonomy.learning.pairs import PackedCovariance, Pairs
 
 MINIMUM_POINTS = 20
 
@@ -165,14 +165,14 @@ class Readings:
         """The generalised-least-squares mean under `kernel`, or the fixed one."""
         if not self.unknown_mean:
             return self.fixed_mean
-        factor = self._factor(_Covariance(self._pairs, as_kernel(kernel)))
+        factor = self._factor(PackedCovariance(self._pairs, as_kernel(kernel)))
         weights = dpotrs(factor, np.ones(self.n), lower=1)[0]
         # A length-scale beyond the survey can put the mean anywhere; one outside all readings helps nobody.
         return float(np.clip(weights @ self.y / weights.sum(), self.y.min(), self.y.max()))
 
     def loo(self, kernel: Kernel | Hyperparameters) -> tuple[float, FloatArray]:
         """Leave-one-out log predictive probability and its gradient; an unknown mean is left out with it."""
-        prior = _Covariance(self._pairs, as_kernel(kernel))
+        prior = PackedCovariance(self._pairs, as_kernel(kernel))
         alpha, P, _ = self._solve(prior)
         precision = np.diagonal(P).copy()
         value = 0.5 * float((np.log(precision) - alpha**2 / precision).sum()) - 0.5 * self.n * _LOG_2PI
@@ -186,7 +186,7 @@ class Readings:
 
     def marginal(self, kernel: Kernel | Hyperparameters) -> tuple[float, FloatArray]:
         """Log marginal likelihood (restricted, if the mean is unknown) and its gradient."""
-        prior = _Covariance(self._pairs, as_kernel(kernel))
+        prior = PackedCovariance(self._pairs, as_kernel(kernel))
         alpha, P, log_determinant = self._solve(prior)
         degrees = self.n - 1 if self.unknown_mean else self.n
         value = -0.5 * float(self.y @ alpha) - 0.5 * log_determinant - 0.5 * degrees * _LOG_2PI
@@ -195,11 +195,11 @@ class Readings:
         return value, -0.5 * self._gradient(prior, M)
 
     @cached_property
-    def _pairs(self) -> "_Pairs":
-        return _Pairs(self.x, self.times_s)
+    def _pairs(self) -> Pairs:
+        return Pairs(self.x, self.times_s)
 
-    def _factor(self, prior: "_Covariance") -> FloatArray:
-        noisy, info = dtpttr(self.n, prior.packed, uplo="L")
+    def _factor(self, prior: PackedCovariance) -> FloatArray:
+        noisy, _ = dtpttr(self.n, prior.packed, uplo="L")
         noisy.ravel(order="K")[:: self.n + 1] += prior.kernel.noise_variance * self.noise_scale
         factor, info = dpotrf(noisy, lower=1, overwrite_a=1)
         if info != 0:
@@ -207,7 +207,7 @@ class Readings:
         result: FloatArray = factor
         return result
 
-    def _solve(self, prior: "_Covariance") -> tuple[FloatArray, FloatArray, float]:
+    def _solve(self, prior: PackedCovariance) -> tuple[FloatArray, FloatArray, float]:
         """α = P y, the lower triangle of P and the log-determinant, where P is the inverse of the noisy covariance.
 
         An unknown mean is projected out: P = K⁻¹ − K⁻¹1(1ᵀK⁻¹1)⁻¹1ᵀK⁻¹. dP = −P dK P holds just as it does for
@@ -228,96 +228,10 @@ class Readings:
             log_determinant += math.log(total)
         return alpha, P, log_determinant
 
-    def _gradient(self, prior: "_Covariance", M: FloatArray) -> FloatArray:
+    def _gradient(self, prior: PackedCovariance, M: FloatArray) -> FloatArray:
         """Σ M∘dK for every log parameter; of M the lower triangle is used."""
         noise = prior.kernel.noise_variance * float(np.diagonal(M) @ self.noise_scale)
         weights, _ = dtrttp(M, uplo="L")
         weights *= 2.0
         weights[self._pairs.diagonal] *= 0.5
         return np.array([*prior.gradient(weights), noise])
-
-
-class _Pairs:
-    """What all kernels need to know of the readings' pairs: the lower triangle, column by column (LAPACK's packing)."""
-
-    def __init__(self, x: FloatArray, times_s: FloatArray | None) -> None:
-        n = len(x)
-        columns, rows = np.triu_indices(n)
-        self.squares = [(x[rows, axis] - x[columns, axis]) ** 2 for axis in range(x.shape[1])]
-        self.lags_s = None if times_s is None else np.abs(times_s[rows] - times_s[columns])
-        self.diagonal = np.cumsum([0, *range(n, 1, -1)]) if n else np.zeros(0, dtype=np.intp)
-        self._work: list[FloatArray] = []
-
-    def work(self, count: int) -> list[FloatArray]:
-        """`count` arrays of one number a pair, always the same: fresh memory costs more than the sums."""
-        while len(self._work) < count:
-            self._work.append(np.empty_like(self.squares[0]))
-        return self._work[:count]
-
-
-class _Covariance:
-    """The noise-free covariance of the readings, packed, and what its derivatives need."""
-
-    def __init__(self, pairs: _Pairs, kernel: Kernel) -> None:
-        self.kernel = kernel
-        self._pairs = pairs
-        self._squared: list[FloatArray] = []
-        self._parts: list[FloatArray] = []
-        self._moving: dict[TemporalKernel, FloatArray] = {}
-        *work, spare = pairs.work(2 * len(kernel.components) + 1)
-        for component, squared, part in zip(kernel.components, work[::2], work[1::2], strict=True):
-            _scaled(pairs.squares, component.space.lengthscales_m, squared, spare)
-            np.copyto(part, squared)
-            part = component.space.correlation(part)
-            part *= component.variance
-            motion = self._motion(component.time)
-            if motion is not None:
-                part *= motion
-            self._squared.append(squared)
-            self._parts.append(part)
-        self.packed = (
-            self._parts[0] if len(self._parts) == 1 else np.add(self._parts[0], self._parts[1], out=spare)
-        )
-        for part in self._parts[2:]:
-            self.packed += part
-
-    def _motion(self, time: TemporalKernel) -> FloatArray | None:
-        """κ of the lags; None if it is one everywhere. Components that move alike share it."""
-        if self._pairs.lags_s is None or math.isinf(time.timescale_s):
-            return None
-        if time not in self._moving:
-            self._moving[time] = time.correlation(self._pairs.lags_s)
-        return self._moving[time]
-
-    def gradient(self, weights: FloatArray) -> list[float]:
-        """Σ weights∘∂K for the logarithms of every component's parameters."""
-        result: list[float] = []
-        slopes = {
-            time: time.slope(self._pairs.lags_s) for time in self._moving if self._pairs.lags_s is not None
-        }
-        for component, squared, part in zip(self.kernel.components, self._squared, self._parts, strict=True):
-            result.append(float(weights @ part))
-            steep = component.space.slope(squared)
-            steep *= weights
-            motion = self._motion(component.time)
-            if motion is not None:
-                steep *= motion
-            for square, lengthscale in zip(self._pairs.squares, component.space.lengthscales_m, strict=True):
-                result.append(component.variance / lengthscale**2 * float(steep @ square))
-            if motion is not None:
-                still = component.space.correlation(squared)
-                still *= slopes[component.time]
-                result.append(component.variance * float(weights @ still))
-            elif not math.isinf(component.time.timescale_s):
-                result.append(0.0)
-        return result
-
-
-def _scaled(
-    squares: list[FloatArray], lengthscales_m: tuple[float, ...], out: FloatArray, spare: FloatArray
-) -> None:
-    """s = Σ (d_i/l_i)² of all pairs, into `out`."""
-    np.multiply(squares[0], lengthscales_m[0] ** -2, out=out)
-    for square, lengthscale in zip(squares[1:], lengthscales_m[1:], strict=True):
-        np.multiply(square, lengthscale**-2, out=spare)
-        out += spare

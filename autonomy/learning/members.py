@@ -39,7 +39,7 @@ class Members:
 
     @property
     def readings(self) -> FloatArray:
-        """(m,), sensor units."""
+        """(m,), in the units of what was learnt."""
         result: FloatArray = self._table[self._dimensions].copy()
         return result
 

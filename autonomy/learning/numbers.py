@@ -19,6 +19,12 @@ def positive(name: str, value: float) -> float:
     return number
 
 
+def positive_variance(values: FloatArray) -> float:
+    """The variance of `values` (n,), n ≥ 1; something tiny but positive if they do not vary."""
+    scale = float(np.abs(values).max()) or 1.0
+    return max(float(values.var()), (1e-9 * scale) ** 2)
+
+
 def lengthscales(values: object) -> tuple[float, ...]:
     """`values` as a tuple of positive length-scales in metres, one per axis; ValueError for anything else."""
     if isinstance(values, str) or not hasattr(values, "__iter__"):

@@ -10,13 +10,14 @@ from autonomy.config import EstimationSection
 from autonomy.learning.basis import select_basis
 from autonomy.learning.capacity import Budget, choose_capacity
 from autonomy.learning.caution import cautious
-from autonomy.learning.choice import Choice, choose, readings_of, stilled, structure
+from autonomy.learning.choice import Choice, choose, readings_of, stilled
 from autonomy.learning.fitting import Fit, Method, fit
 from autonomy.learning.history import HistoryCells
 from autonomy.learning.kernel import Kernel
 from autonomy.learning.likelihood import Readings
 from autonomy.learning.numbers import FloatArray
 from autonomy.learning.sparse_gp import SparseOnlineGP
+from autonomy.learning.structures import structure_named
 
 # On arrival novelty measures extrapolation, in a rebuild interpolation: the same threshold would leave
 # a third of the capacity unused, and the error between and beyond the tracks would be a seventh larger.
@@ -180,7 +181,7 @@ def _relevance(kernel: Kernel, ages_s: FloatArray) -> FloatArray:
 def _refined(choice: Choice, readings: Readings, span_m: float, method: Method) -> Choice:
     """The winner fitted again, from where it is, to more readings than the choice was made with."""
     name = choice.fit.structure
-    found = fit(readings, structure(name), span_m, choice.starts[name], method)
+    found = fit(readings, structure_named(name), span_m, choice.starts[name], method)
     still = replace(found, kernel=stilled(found.kernel, readings.elapsed_s))
     return replace(choice, fit=still, starts={**choice.starts, name: found.kernel})
 

@@ -8,7 +8,7 @@ z is standard normal, S stays between 0 and I, and every step below is a rank-on
 With a_g = L_g⁻¹k_g(B, x) and γ = Σ_g (σ_g² − |a_g|²) a reading y of the field at x obeys, given z,
 y ~ N(prior_mean + Σ_g a_gᵀz_{g,0}, γ + σn²). Conditioning z on that is the *reduced* update (ŝ = Ck + ê in the
 paper's letters). It equals adding x to the basis, updating, and deleting it again: the FITC family, in which
-the stream on a frozen basis is batch FITC.
+the stream on a frozen basis is batch FITC (Snelson & Ghahramani 2006; Quiñonero-Candela & Rasmussen 2005).
 """
 
 import math
@@ -26,8 +26,8 @@ from autonomy.learning.members import IntArray, Members
 from autonomy.learning.numbers import FloatArray, as_points, as_vector
 from autonomy.learning.state import WhitenedState
 
-# Updates between looks at the variances of the state, and between looks at all of it, which costs as much as a
-# few dozen updates.
+# Updates between looks at the variances of the state, and between looks at all of it (or D, if that is more): O(D³),
+# so O(D²) an update; measured 2 ms at D = 300, and 17 ms at 600, once in 600 updates of 0.6 to 1.4 ms.
 _GLANCE_EVERY, _CHECK_EVERY = 8, 256
 
 
@@ -98,7 +98,7 @@ class SparseOnlineGP:
 
     @property
     def basis_readings(self) -> FloatArray:
-        """The reading (m,) that each basis vector was added with, in sensor units (not centred)."""
+        """The reading (m,) that each basis vector was added with, as it was learnt (not centred)."""
         return self._members.readings
 
     @property

@@ -227,6 +227,7 @@ def _log_shares(logits: FloatArray) -> tuple[FloatArray, FloatArray]:
     return shares, derivatives
 
 
+# Parts, medians and penalties as measured in docs/decisions/0003.
 _SE, _M32 = SquaredExponential, Matern32
 _LONG_SHORT = (Part(_SE), Part(_M32, shorter=6.0))
 # An anomaly that is smooth, or rough, or both at once.
@@ -252,12 +253,11 @@ STRUCTURES: dict[str, Structure] = {
         ),
     )
 }
-DEFAULT_CANDIDATES = (
-    "squared_exponential",
-    "long_short",
-    "ou",
-    "smooth_motion",
-    "static_moving",
-    "static_smooth_motion",
-)
-"""What a re-estimate chooses among if it is not told: see docs/decisions."""
+
+
+def structure_named(name: str) -> Structure:
+    """The structure of this name; ValueError names those that exist."""
+    try:
+        return STRUCTURES[name]
+    except KeyError:
+        raise ValueError(f"there is no structure {name!r}, only {', '.join(STRUCTURES)}") from None

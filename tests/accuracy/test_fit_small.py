@@ -11,14 +11,16 @@ import pytest
 from moving import OrnsteinUhlenbeckField, Patrol
 from scipy.optimize import brentq
 
+from autonomy.config import EstimationSection
 from autonomy.learning.choice import choose, readings_of
 from autonomy.learning.fitting import fit
 from autonomy.learning.history import History
 from autonomy.learning.kernel import Component, Kernel
 from autonomy.learning.likelihood import Readings
 from autonomy.learning.spatial import SquaredExponential
-from autonomy.learning.structures import DEFAULT_CANDIDATES, STRUCTURES
+from autonomy.learning.structures import STRUCTURES
 
+CANDIDATES = EstimationSection().candidates
 SEEDS = int(os.environ.get("HALOCLINE_SEEDS", "5"))
 SPAN = 1000.0
 
@@ -63,7 +65,7 @@ def still_errors(share, n, candidates, seeds):
     return np.array(errors), np.array(moved)
 
 
-@pytest.mark.parametrize("candidates", [["squared_exponential"], DEFAULT_CANDIDATES], ids=["one", "all"])
+@pytest.mark.parametrize("candidates", [["squared_exponential"], CANDIDATES], ids=["one", "all"])
 @pytest.mark.parametrize("share", [1 / 30, 1 / 10, 1 / 3])
 @pytest.mark.parametrize("n", [10, 20, 30])
 def test_lengthscales_from_a_short_track(n, share, candidates, capsys):
@@ -107,7 +109,7 @@ def test_how_fast_a_field_moves_is_found(capsys):
 
 def test_a_still_field_is_left_still(capsys):
     still = [
-        choose(patrolled(seed, math.inf), DEFAULT_CANDIDATES, SPAN).fit.kernel.is_static
+        choose(patrolled(seed, math.inf), CANDIDATES, SPAN).fit.kernel.is_static
         for seed in range(min(SEEDS, 10))
     ]
     with capsys.disabled():

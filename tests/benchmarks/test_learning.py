@@ -15,8 +15,9 @@ from autonomy.learning.likelihood import Readings
 from autonomy.learning.rebuild import reestimate
 from autonomy.learning.snapshot import decode, encode
 from autonomy.learning.sparse_gp import SparseOnlineGP
-from autonomy.learning.structures import DEFAULT_CANDIDATES, STRUCTURES, Scales
+from autonomy.learning.structures import STRUCTURES, Scales
 
+CANDIDATES = EstimationSection().candidates
 M = 100
 SPAN_M = 391.0
 H = Hyperparameters(1.0, 0.01, (40.0, 40.0))
@@ -74,12 +75,12 @@ def test_fits(report, seconds, what, n, method):
 def test_a_choice(report, seconds):
     sample = fit_readings(300)
     once = seconds(lambda: sample.marginal(H), 5, 5)
-    first = choose(sample, DEFAULT_CANDIDATES, SPAN_M)
-    spent = seconds(lambda: choose(sample, DEFAULT_CANDIDATES, SPAN_M), 3)
+    first = choose(sample, CANDIDATES, SPAN_M)
+    spent = seconds(lambda: choose(sample, CANDIDATES, SPAN_M), 3)
     note = f"{first.fit.structure} of {len(first.scores)}"
     report("choice from afar, n = 300", spent, "marginal with gradient", once, note)
     newer = fit_readings(290)
-    spent = seconds(lambda: choose(newer, DEFAULT_CANDIDATES, SPAN_M, first.fit.structure, first.starts), 3)
+    spent = seconds(lambda: choose(newer, CANDIDATES, SPAN_M, first.fit.structure, first.starts), 3)
     report("choice from the last one, n = 290", spent, "marginal with gradient", once)
 
 

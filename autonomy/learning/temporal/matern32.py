@@ -11,7 +11,10 @@ from autonomy.learning.numbers import FloatArray, positive
 
 @dataclass(frozen=True)
 class MaternMotion:
-    """Matérn-3/2 in time: κ(t) = (1 + λt) exp(−λt) with λ = √3/τ; z = (f, f′/λ)."""
+    """Matérn-3/2 in time: κ(t) = (1 + λt) exp(−λt) with λ = √3/τ; z = (f, f′/λ).
+
+    Rasmussen & Williams 2006, eq. 4.17; as a linear system Hartikainen & Särkkä 2010.
+    """
 
     timescale_s: float
     name: ClassVar[str] = "matern32_motion"

@@ -11,7 +11,7 @@ from autonomy.learning.numbers import FloatArray, positive
 
 @dataclass(frozen=True)
 class OrnsteinUhlenbeck:
-    """κ(t) = exp(−|t|/τ)."""
+    """κ(t) = exp(−|t|/τ) (Rasmussen & Williams 2006, section 4.2.1: the Matérn kernel with ν = 1/2)."""
 
     timescale_s: float
     name: ClassVar[str] = "ornstein_uhlenbeck"

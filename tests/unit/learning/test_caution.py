@@ -64,6 +64,22 @@ def test_only_the_signal_becomes_louder() -> None:
     assert [c.space for c in louder.components] == [c.space for c in parts]
 
 
+def test_a_fit_that_tells_next_to_nothing_does_not_raise_it_without_end() -> None:
+    kernel = Kernel((Component(2.0, SquaredExponential((5.0, 6.0))),), 0.1)
+    assert cautious(kernel, 40.0) == cautious(kernel, 1.5)
+    assert cautious(kernel, 1.4).signal_variance < cautious(kernel, 1.5).signal_variance
+
+
+def test_the_prior_of_the_variance_adds_no_knowledge() -> None:
+    # Readings far shorter than every length-scale in question: without its prior nothing bounds the variance, and
+    # the doubt is larger than the prior's own variance of 1.
+    rng = np.random.default_rng(8)
+    x = np.column_stack([np.linspace(0.0, 300.0, 25), np.zeros(25)])
+    readings = Readings.of(x, x[:, 0] / 300.0 + 0.05 * rng.normal(size=25), None, None, "gls")
+    found = fit(readings, STRUCTURE, SPAN_M)
+    assert doubt(readings, STRUCTURE, SPAN_M, found.kernel, Method()) > 1.0
+
+
 def test_a_direction_that_nothing_is_known_of_counts_as_the_widest() -> None:
     assert posterior_variance(np.diag([4.0, 1.0]), 10.0) == pytest.approx(0.25)
     assert posterior_variance(np.diag([-1.0, 1.0]), 6.0) == pytest.approx(36.0)

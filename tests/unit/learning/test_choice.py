@@ -4,13 +4,13 @@ import pickle
 import numpy as np
 import pytest
 
-from autonomy.learning.choice import choose, readings_of, stilled, structure
+from autonomy.learning.choice import choose, readings_of, stilled
 from autonomy.learning.fitting import Method, fit
 from autonomy.learning.history import HistoryCells
 from autonomy.learning.kernel import Component, Kernel
 from autonomy.learning.likelihood import Readings, log_parameters
 from autonomy.learning.spatial import Matern32, SquaredExponential
-from autonomy.learning.structures import STRUCTURES
+from autonomy.learning.structures import STRUCTURES, structure_named
 from autonomy.learning.temporal import OrnsteinUhlenbeck, Static
 
 SPAN = 1000.0
@@ -164,6 +164,6 @@ def test_the_method_reaches_every_fit():
 
 def test_unknown_structures_are_refused():
     with pytest.raises(ValueError, match=r"nonsense.*squared_exponential"):
-        structure("nonsense")
+        structure_named("nonsense")
     with pytest.raises(ValueError, match="candidates"):
         choose(readings(STILL, 30), [], SPAN)
