@@ -32,9 +32,9 @@ def select_basis(
 ) -> list[int]:
     """Indices of at most `capacity` of `points` (N, d) by pivoted Cholesky, the worst explained first.
 
-    Fine & Scheinberg 2001, on the sum of the groups' covariances. What the chosen leave unexplained of a place is summed over the groups, as the filter sums it. Stops
-    when no point has more than novelty·σf² of its variance left. `relevance` (groups, N), from 0 to 1: the
-    field of a group at a point counts times this.
+    Fine & Scheinberg 2001, on the sum of the groups' covariances: what the chosen leave unexplained of a place is
+    summed over the groups, as the filter sums it. Stops when no point has more than novelty·σf² of its variance
+    left. `relevance` (groups, N), from 0 to 1: the field of a group at a point counts times this.
     """
     groups, steps = kernel.groups, min(capacity, len(points))
     weights = np.ones((len(groups), len(points))) if relevance is None else relevance
