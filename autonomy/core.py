@@ -393,7 +393,7 @@ class Core:
         helm = self._helm
         if self._job is not None or now < self._plan_not_before or not self._may_upload:
             return None
-        if helm.position_m is None or helm.dispatch.busy:
+        if not helm.is_sure or helm.dispatch.busy:
             return None
         if helm.unread is not None or self._seaway.problem is not None:
             return None

@@ -24,6 +24,9 @@ from autonomy.track import Track
 HEARTBEAT_S = 1.0
 
 
+PATIENT_HEARTBEATS = 10
+"""So many, and an estimator that has not said whether it is ready will not."""
+
 DOUBTS = 2
 """So often a mission that isn't sailed is made current again; then the boat counts as stalled."""
 
@@ -100,6 +103,17 @@ class Helm:
     def position_m(self) -> FloatArray | None:
         """Where the vessel was when it was last sure of it, shape (2,), local metres."""
         return self._track.position_m
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the vehicle says that it knows where it is; its estimator's silence counts for yes after a while.
+
+        Positions are sent before the estimator has one of its own.
+        """
+        state = self.state
+        if state is None or self.position_m is None or not state.position_ok:
+            return False
+        return state.ekf_ok is not None or state.heartbeats >= PATIENT_HEARTBEATS
 
     @property
     def distance_m(self) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mav
 
-from sim.autopilot import ALL, COMPONENT_ID, Autopilot, Outgoing
+from sim.autopilot import ALL, COMPONENT_ID, HEARD, Autopilot, Outgoing
 
 Packets = list[tuple[Any, bytes]]  # (client, one packed message)
 
@@ -34,6 +34,8 @@ class Router:
     def __init__(self, autopilot: Autopilot) -> None:
         self.autopilot = autopilot
         self._packer = mav.MAVLink(None, autopilot.system_id, COMPONENT_ID)
+        probe = autopilot.options.probe_component
+        self._probe = None if probe is None else mav.MAVLink(None, autopilot.system_id, probe)
         self._ports: dict[Hashable, _Port] = {}
 
     def join(self, now: float, client: Hashable) -> None:
@@ -83,13 +85,19 @@ class Router:
         for target, message in outgoing:
             packet = packed.get(id(message))
             if packet is None:
-                packet = packed[id(message)] = bytes(message.pack(self._packer))
-            for client in self._ports if target is ALL else (target,):
+                packer = self._probe if target is HEARD and self._probe is not None else self._packer
+                packet = packed[id(message)] = bytes(message.pack(packer))
+            for client in self._receivers(target):
                 port = self._ports.get(client)
                 if port is not None:
                     packets.append((client, _numbered(packet, port.sequence, message.crc_extra)))
                     port.sequence = (port.sequence + 1) & 0xFF
         return packets
+
+    def _receivers(self, target: Any) -> list[Hashable]:
+        if target is HEARD:
+            return [client for client, port in self._ports.items() if port.components]
+        return list(self._ports) if target is ALL else [target]
 
 
 def _numbered(packet: bytes, sequence: int, crc_extra: int) -> bytes:

@@ -196,6 +196,11 @@ class Vessel:
         self.moored = False
         self._step(self.heading_deg, 0.0, dt_s)
 
+    def stop_at(self, position: Position) -> None:
+        """The last step is taken back to where it began, and the boat has no way on."""
+        self.position = self.previous = position
+        self.speed_mps, self.velocity_mps = 0.0, (0.0, 0.0)
+
     def passed(self, leg: Leg, radius_m: float) -> bool:
         """Whether the last step came within `radius_m` of the leg's end, or crossed its finish line.
 

@@ -91,6 +91,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     autopilot.add_argument(
         "--request-int", action="store_true", help="ask for mission items with MISSION_REQUEST_INT"
     )
+    autopilot.add_argument(
+        "--boot-clock-s", type=_finite, default=0.0, metavar="S", help="shown by its clock at power-on (0)"
+    )
+    autopilot.add_argument(
+        "--probe-component", type=int, metavar="ID", help="the instrument is a component of its own"
+    )
+    autopilot.add_argument("--without-fence", action="store_true", help="fence and rally points are not told")
+    autopilot.add_argument(
+        "--deaf-to-set-current",
+        type=int,
+        default=0,
+        metavar="N",
+        help="accept the first N and do nothing (0)",
+    )
+    autopilot.add_argument(
+        "--by-the-book",
+        action="store_true",
+        help="uploads as in the MAVLink guide: atomic, ended by an item out of turn, sailed from the first item",
+    )
     autopilot.add_argument("--verbose", action="store_true", help="log clients and socket errors")
 
 
@@ -171,7 +190,14 @@ def _autopilot(arguments: argparse.Namespace, field: Field) -> Autopilot:
             start_utc_s=time.time() if epoch is None else epoch.timestamp(),
             ready_after_s=arguments.ready_after_s,
             arming_checks=arguments.arming_checks,
-            request_int=arguments.request_int,
+            request_int=arguments.request_int or arguments.by_the_book,
+            boot_clock_s=arguments.boot_clock_s,
+            ends_on_wrong_item=arguments.by_the_book,
+            atomic_uploads=arguments.by_the_book,
+            restarts_on_upload=arguments.by_the_book,
+            deaf_to_set_current=arguments.deaf_to_set_current,
+            tells_fence=not arguments.without_fence,
+            probe_component=arguments.probe_component,
         )
     except ValueError as error:
         raise UsageError(str(error)) from error

@@ -4,12 +4,13 @@
 and to whom. `sim.server` puts it on sockets; a driver in the same process can call it directly.
 """
 
-from sim.autopilot.machine import ALL, COMPONENT_ID, All, Autopilot, Client, Options, Outgoing
+from sim.autopilot.machine import ALL, COMPONENT_ID, HEARD, All, Autopilot, Client, Options, Outgoing
 from sim.autopilot.modes import MissionState, Mode
 
 __all__ = [
     "ALL",
     "COMPONENT_ID",
+    "HEARD",
     "All",
     "Autopilot",
     "Client",

@@ -58,11 +58,14 @@ class Answer:
 class Commands:
     """The table of commands this autopilot knows; every other one is UNSUPPORTED."""
 
-    def __init__(self, navigator: Navigator, reports: Reports, streams: Streams, arming_checks: bool) -> None:
+    def __init__(
+        self, navigator: Navigator, reports: Reports, streams: Streams, arming_checks: bool, deaf: int = 0
+    ) -> None:
         self._navigator = navigator
         self._reports = reports
         self._streams = streams
         self._arming_checks = arming_checks
+        self._deaf = deaf
         self._table: dict[int, Callable[[Command], Answer]] = {
             mav.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mav.MAV_CMD_DO_SET_MODE: self._set_mode,
@@ -128,6 +131,9 @@ class Commands:
         if not math.isfinite(seq):
             return Answer(DENIED)
         number = self._navigator.current if seq == -1.0 else int(seq)
+        if self._deaf:
+            self._deaf -= 1
+            return Answer(ACCEPTED, (self._reports.mission_current(),))
         if not self._navigator.set_current(number, restart):
             return Answer(FAILED)
         return Answer(ACCEPTED, (self._reports.mission_current(),))

@@ -25,19 +25,36 @@ _SHORTEST_STEP_S = 1e-6
 
 
 class All(Enum):
-    """The address of a message that every client gets."""
+    """The address of a message that every client gets, or every one that has said something."""
 
     ALL = "all"
+    HEARD = "heard"
 
 
 ALL = All.ALL
+HEARD = All.HEARD
 Client = Hashable
 Outgoing = tuple[Client | All, Any]
 
 
 @dataclass(frozen=True)
 class Options:
-    """Habits of the simulated autopilot."""
+    """Habits of the simulated autopilot; by default it is as ArduPilot Rover is.
+
+    Attributes:
+        ready_after_s: simulated seconds from power-on until the estimator knows where it is.
+        arming_checks: refuses to be armed before that.
+        boot_clock_s: what its clock shows at power-on; it wraps after 2^32 ms.
+        request_int: asks for mission items with MISSION_REQUEST_INT, not with the legacy message.
+        ends_on_wrong_item: an item out of turn ends an upload; ArduPilot answers 13 and goes on.
+        atomic_uploads: a mission is replaced when its upload is complete; ArduPilot's dies leaving a hybrid.
+        restarts_on_upload: a new mission is sailed from its first item; ArduPilot keeps the index it had, and a
+            complete mission stays complete.
+        deaf_to_set_current: so many of the first DO_SET_MISSION_CURRENT are accepted and not acted on.
+        tells_fence: fence and rally points can be downloaded.
+        probe_component: the instrument is a component of its own, with another clock; its readings are routed to
+            clients only that have said something. None: the autopilot sends them.
+    """
 
     system_id: int = 1
     speed_mps: float = 2.0
@@ -46,6 +63,13 @@ class Options:
     ready_after_s: float = 0.0
     arming_checks: bool = False
     request_int: bool = False
+    boot_clock_s: float = 0.0
+    ends_on_wrong_item: bool = False
+    atomic_uploads: bool = False
+    restarts_on_upload: bool = False
+    deaf_to_set_current: int = 0
+    tells_fence: bool = True
+    probe_component: int | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.system_id <= 254:
@@ -76,6 +100,7 @@ class Autopilot:
         self.vessel = vessel
         self.sensor = sensor
         self.system_id = options.system_id
+        self.options = options
         self.parameters = Parameters(
             CRUISE_SPEED=options.speed_mps,
             WP_RADIUS=options.waypoint_radius_m,
@@ -87,11 +112,19 @@ class Autopilot:
         self.navigator = Navigator(
             vessel, self.parameters, self.store, self._announce, ready_after_s=options.ready_after_s
         )
-        self.reports = Reports(self.navigator, options.start_utc_s, options.system_id)
+        self.reports = Reports(self.navigator, options.start_utc_s, options.system_id, options.boot_clock_s)
         self._streams = Streams()
-        self._commands = Commands(self.navigator, self.reports, self._streams, options.arming_checks)
+        self._commands = Commands(
+            self.navigator, self.reports, self._streams, options.arming_checks, options.deaf_to_set_current
+        )
         self._missions = MissionService(
-            self.store, lambda: self.navigator.mode is Mode.AUTO, options.request_int, self._mission_stored
+            self.store,
+            lambda: self.navigator.mode is Mode.AUTO,
+            options.request_int,
+            self._mission_stored,
+            ends_on_wrong_item=options.ends_on_wrong_item,
+            atomic=options.atomic_uploads,
+            stores=missions.STORED_TYPES if options.tells_fence else (missions.MISSION,),
         )
         self._gcs_heard: float | None = None
         self._progress_told: tuple[int, int] | None = None
@@ -177,7 +210,8 @@ class Autopilot:
         while sensor.next_time_s <= vessel.time_s + 0.5 * _SHORTEST_STEP_S:
             value = sensor.read(vessel.position, vessel.time_s)
             self._announce(self.reports.global_position())
-            self._announce(self.reports.sensor_value(sensor.name, value))
+            reading = self.reports.sensor_value(sensor.name, value)
+            self._out.append((ALL if self.options.probe_component is None else HEARD, reading))
 
     def _tell_progress(self) -> None:
         """MISSION_CURRENT at once when the item or the state changes; otherwise it is a stream at 1 Hz."""
@@ -220,7 +254,7 @@ class Autopilot:
         }
         self.parameters.set(*totals[mission_type])
         if mission_type == missions.MISSION:
-            self.navigator.mission_stored()
+            self.navigator.mission_stored(restart=self.options.restarts_on_upload)
             self.navigator.say(mav.MAV_SEVERITY_INFO, f"Mission: {self.store.total} WP")
 
     def _on_heartbeat(self, now: float, message: Any, client: Client) -> None:

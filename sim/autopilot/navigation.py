@@ -5,6 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mav
 
+from sim.autopilot.fence import Fence
 from sim.autopilot.missions import MissionItem, MissionStore
 from sim.autopilot.modes import MissionState, Mode
 from sim.autopilot.parameters import Parameters
@@ -28,6 +29,7 @@ class Navigator:
         self.vessel = vessel
         self.parameters = parameters
         self.store = store
+        self.fence = Fence(store, parameters)
         self.mode = Mode.MANUAL
         self.armed = False
         self.current = 0
@@ -101,13 +103,33 @@ class Navigator:
         """A target for GUIDED."""
         self._steer_to(position)
 
-    def mission_stored(self) -> None:
-        """A new mission is complete on board: progress stays where it is, as ArduPilot's does."""
+    def mission_stored(self, *, restart: bool = False) -> None:
+        """A new mission is complete on board: progress stays where it is, as ArduPilot's does, or begins anew."""
+        if restart:
+            self.set_current(1, restart=True)
         if self.store.total == 0 and self.mode is not Mode.AUTO:
             self.current, self._state = 0, MissionState.NOT_STARTED
 
     def advance(self, dt_s: float) -> None:
-        """Drive one step as the mode says."""
+        """Drive one step as the mode says, and mind the fence."""
+        before = self.vessel.position
+        self._drive(dt_s)
+        if not self.armed or not self.fence.is_on:
+            return
+        if self.mode.needs_position and self.fence.stops_the_boat:
+            margin_m = self.parameters["AVOID_MARGIN"]
+            if self.fence.room_m(self.vessel.position) < margin_m <= self.fence.room_m(before):
+                self.vessel.stop_at(before)
+        elif self.fence.room_m(self.vessel.position) < 0.0 <= self.fence.room_m(before):
+            self._breach()
+
+    def _breach(self) -> None:
+        self.say(mav.MAV_SEVERITY_WARNING, "Fence Breached")
+        action = self.parameters["FENCE_ACTION"]
+        if action != 0.0:
+            self.set_mode(Mode.RTL if action == 1.0 else Mode.HOLD)
+
+    def _drive(self, dt_s: float) -> None:
         if not self.armed:
             self.vessel.lie(dt_s)
         elif self.mode is Mode.AUTO and self._state is MissionState.ACTIVE:

@@ -45,11 +45,14 @@ _SENSORS = (
 class Reports:
     """Builds messages by id; `time_boot_ms` counts simulated milliseconds since boot, modulo 2^32."""
 
-    def __init__(self, navigator: Navigator, start_utc_s: float, system_id: int) -> None:
+    def __init__(
+        self, navigator: Navigator, start_utc_s: float, system_id: int, boot_clock_s: float = 0.0
+    ) -> None:
         self._navigator = navigator
         self._vessel = navigator.vessel
         self._start_utc_s = start_utc_s
         self._system_id = system_id
+        self._boot_clock_s = boot_clock_s
         self.failsafe = False
         self._by_id: dict[int, Callable[[], Any]] = {
             mav.MAVLINK_MSG_ID_HEARTBEAT: self.heartbeat,
@@ -76,7 +79,7 @@ class Reports:
     @property
     def time_boot_ms(self) -> int:
         """Simulated milliseconds since boot, as a uint32."""
-        return round(self._vessel.time_s * 1e3) & 0xFFFFFFFF
+        return round((self._boot_clock_s + self._vessel.time_s) * 1e3) & 0xFFFFFFFF
 
     @property
     def _place(self) -> tuple[int, int]:

@@ -42,6 +42,10 @@ class MissionService:
         clearing_refused: Callable[[], bool],
         request_int: bool = False,
         stored: Callable[[int], None] = lambda mission_type: None,
+        *,
+        ends_on_wrong_item: bool = False,
+        atomic: bool = False,
+        stores: tuple[int, ...] = STORED_TYPES,
     ) -> None:
         """Serve a store.
 
@@ -50,11 +54,17 @@ class MissionService:
             clearing_refused: whether a mission must not be cleared now (in AUTO).
             request_int: ask with MISSION_REQUEST_INT instead of ArduPilot's legacy MISSION_REQUEST.
             stored: called with the mission type when an upload is complete or a store was cleared.
+            ends_on_wrong_item: an item out of turn ends the upload.
+            atomic: a mission replaces the one before when it is complete.
+            stores: mission types that it knows.
         """
         self._store = store
         self._clearing_refused = clearing_refused
         self._request_int = request_int
         self._stored = stored
+        self._ends_on_wrong_item = ends_on_wrong_item
+        self._atomic = atomic
+        self._stores = stores
         self._upload: _Upload | None = None
 
     @property
@@ -100,13 +110,13 @@ class MissionService:
 
     def _on_count(self, now: float, message: Any, client: Hashable) -> Replies:
         sender, kind = _sender(message), message.mission_type
-        if kind not in STORED_TYPES:
+        if kind not in self._stores:
             return [(client, _ack(sender, mav.MAV_MISSION_UNSUPPORTED, kind))]
         if self._upload is not None and (self._upload.client, self._upload.sender) != (client, sender):
             return [(client, _ack(sender, mav.MAV_MISSION_DENIED, kind))]
         if message.count > MOST_ITEMS:
             return [(client, _ack(sender, mav.MAV_MISSION_NO_SPACE, kind))]
-        if kind == missions.MISSION:
+        if kind == missions.MISSION and (message.count == 0 or not self._atomic):
             self._store.truncate(message.count)
         if message.count == 0:
             self._upload = None
@@ -120,13 +130,14 @@ class MissionService:
         if upload is None or upload.sender != sender or upload.mission_type != kind:
             return [(client, _ack(sender, mav.MAV_MISSION_ERROR, kind))]
         if message.seq != upload.seq:
+            self._upload = None if self._ends_on_wrong_item else upload
             return [(client, _ack(sender, mav.MAV_MISSION_INVALID_SEQUENCE, kind))]
         try:
             item = missions.from_message(message, kind)
         except Refused as refusal:
             self._upload = None
             return [(client, _ack(sender, refusal.result, kind))]
-        if kind == missions.MISSION:
+        if kind == missions.MISSION and not self._atomic:
             self._store.write(upload.seq, item)
         else:
             upload.points.append(item)
@@ -138,7 +149,11 @@ class MissionService:
         return [(client, _ack(sender, mav.MAV_MISSION_ACCEPTED, kind))]
 
     def _finish(self, kind: int, points: list[MissionItem]) -> None:
-        if kind == missions.FENCE:
+        if kind == missions.MISSION and self._atomic:
+            self._store.truncate(0)
+            for seq, item in enumerate(points):
+                self._store.write(seq, item)
+        elif kind == missions.FENCE:
             self._store.fence = points
         elif kind == missions.RALLY:
             self._store.rally = points
@@ -146,7 +161,7 @@ class MissionService:
 
     def _on_request_list(self, message: Any, client: Hashable) -> Replies:
         sender, kind = _sender(message), message.mission_type
-        if kind not in STORED_TYPES:
+        if kind not in self._stores:
             return [(client, _ack(sender, mav.MAV_MISSION_UNSUPPORTED, kind))]
         if self._upload is not None:
             return [(client, _ack(sender, mav.MAV_MISSION_DENIED, kind))]
@@ -154,7 +169,7 @@ class MissionService:
 
     def _on_request(self, message: Any, client: Hashable) -> Replies:
         sender, kind = _sender(message), message.mission_type
-        if kind not in STORED_TYPES:
+        if kind not in self._stores:
             return [(client, _ack(sender, mav.MAV_MISSION_UNSUPPORTED, kind))]
         if self._upload is not None:
             return [(client, _ack(sender, mav.MAV_MISSION_DENIED, kind))]
@@ -170,8 +185,8 @@ class MissionService:
         sender, kind = _sender(message), message.mission_type
         kinds: tuple[int, ...]
         if kind == mav.MAV_MISSION_TYPE_ALL:
-            kinds = STORED_TYPES
-        elif kind in STORED_TYPES:
+            kinds = self._stores
+        elif kind in self._stores:
             kinds = (kind,)
         else:
             return [(client, _ack(sender, mav.MAV_MISSION_UNSUPPORTED, kind))]

@@ -16,6 +16,7 @@ from autonomy.effects import Topic
 from autonomy.geometry import FloatArray, LocalFrame
 from autonomy.planning.survey import SurveyArea
 from sim.autopilot import Autopilot, Options
+from sim.autopilot.missions import MissionItem
 from sim.discrete import DiscreteRun
 from sim.sensor import Sensor
 from sim.vessel import Handling, Position, Vessel
@@ -54,7 +55,9 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 
 
-def boat(*, at_m: tuple[float, float] = HARBOUR_M, seed: int = 0, current: Any = None) -> Autopilot:
+def boat(
+    *, at_m: tuple[float, float] = HARBOUR_M, seed: int = 0, current: Any = None, **habits: Any
+) -> Autopilot:
     """An autopilot that has just been switched on, with a probe called SALT."""
     lat_deg, lon_deg = FRAME.to_geodetic(at_m).tolist()
     handling = Handling(acceleration_mps2=4.0, turn_rate_deg_s=60.0)
@@ -62,7 +65,7 @@ def boat(*, at_m: tuple[float, float] = HARBOUR_M, seed: int = 0, current: Any =
     if current is not None:
         vessel.current = current
     sensor = Sensor(Sea(), np.random.default_rng(seed), "SALT", 1.5, noise_std=0.02)
-    return Autopilot(vessel, sensor, Options(speed_mps=SPEED_MPS, waypoint_radius_m=15.0))
+    return Autopilot(vessel, sensor, Options(speed_mps=SPEED_MPS, waypoint_radius_m=15.0, **habits))
 
 
 class Voyage(DiscreteRun):
@@ -155,6 +158,19 @@ class Voyage(DiscreteRun):
             )
             place = (round(lat_deg * 1e7), round(lon_deg * 1e7), 0.0, 0)
             self.operate(mavlink.MAVLink_mission_item_int_message(*target, 0, 1, 0, 0, 0, 0, *place))
+
+    def fence(self, *corners_m: tuple[float, float], stops_the_boat: bool = True) -> None:
+        """An inclusion fence of these corners is on board, and on."""
+        count = float(len(corners_m))
+        command = mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+        places = [FRAME.to_geodetic(corner).tolist() for corner in corners_m]
+        self.autopilot.store.fence = [
+            MissionItem(0, command, (count, 0.0, 0.0, 0.0), round(lat * 1e7), round(lon * 1e7), 0.0)
+            for lat, lon in places
+        ]
+        settings = {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 4.0, "AVOID_ENABLE": 3.0 if stops_the_boat else 0.0}
+        for name, value in settings.items():
+            self.autopilot.parameters.set(name, value)
 
     def stall_upload_after(self, items: int) -> None:
         """From the next upload on no more than so many items get through."""

@@ -1,0 +1,180 @@
+"""Operator and autopilot do what they want, in any order: we follow at once, and in `observe` we never speak."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autonomy import jobs
+from autonomy.config import Configuration
+from autonomy.core import Core
+from autonomy.events import Event, MessageReceived
+from autonomy.geometry import LocalFrame
+from autonomy.mavlink.authority import AUTO, TABLE, Action, Command, table_of
+from autonomy.mavlink.authority import Event as What
+from autonomy.planning.plan import Plan
+from autonomy.planning.survey import SurveyArea
+from sim.autopilot import Autopilot, Mode, Options
+from sim.discrete import DiscreteRun
+from sim.vessel import Handling, Position, Vessel
+
+FRAME = LocalFrame(33.5, -118.5)
+SURVEY = SurveyArea.from_geometry(FRAME, shapely.box(-2e3, -2e3, 2e3, 2e3), passage_cells=20)
+AREA = [(33.4, -118.6), (33.4, -118.4), (33.6, -118.4), (33.6, -118.6)]
+MANNERS = frozenset({"HEARTBEAT", "STATUSTEXT"})
+MODES = (Mode.AUTO, Mode.AUTO, Mode.AUTO, Mode.HOLD, Mode.MANUAL, Mode.LOITER, Mode.RTL)
+GRACE_S = 0.2
+
+
+def near_by(name: str, request: jobs.ExploreRequest, survey: SurveyArea) -> jobs.ExploreResult:
+    """A plan that costs nothing: two corners close to the boat, so that missions end and are replaced."""
+    plan = request.plan
+    assert plan is not None
+    route = plan.start_m + np.array([[40.0, 10.0 * (plan.seed % 5)], [10.0, 60.0]])
+    route = np.clip(route, -1900.0, 1900.0)
+    return jobs.ExploreResult(
+        None, Plan(plan.start_m, route, np.ones(2, bool), 1.0, "paper", plan.reason), None
+    )
+
+
+class Watched(DiscreteRun):
+    """Notes when the core was told that the boat is not ours, and all that it said from 200 ms after that on."""
+
+    taken: float | None = None
+    late: list[tuple[float, str]]
+
+    def happened(self, event: Event) -> None:
+        if isinstance(event, MessageReceived) and event.message.get_type() == "HEARTBEAT":
+            beat = event.message
+            armed = bool(beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            ours = beat.custom_mode == AUTO and armed and beat.system_status < mavlink.MAV_STATE_CRITICAL
+            started = self.core._helm.authority.survey_started
+            if ours or not started:
+                self.taken = None
+            elif self.taken is None:
+                self.taken = self.now
+        super().happened(event)
+
+    def _carry_out(self, effect: Any) -> None:
+        before = len(self.sent)
+        super()._carry_out(effect)
+        for time, message in self.sent[before : before + 1]:
+            kind = message.get_type()
+            # A reboot or a cleared mission leads back to the start, where a mission may be prepared.
+            is_before = self.core._helm.authority.command is Command.BEFORE_START
+            if (
+                kind not in MANNERS
+                and self.taken is not None
+                and not is_before
+                and time > self.taken + GRACE_S
+            ):
+                self.late.append((time, kind))
+
+
+def boat(rng: np.random.Generator) -> Autopilot:
+    start = Position(*FRAME.to_geodetic((0.0, 0.0)).tolist())
+    vessel = Vessel(start, handling=Handling(acceleration_mps2=4.0, turn_rate_deg_s=90.0))
+    return Autopilot(
+        vessel, None, Options(speed_mps=8.0, waypoint_radius_m=10.0, ready_after_s=rng.uniform(0, 3))
+    )
+
+
+def voyage(rng: np.random.Generator, **authority: Any) -> Watched:
+    configuration = Configuration.model_validate(
+        {
+            "survey": {"area": AREA},
+            "authority": authority,
+            "shore": {"model_period_s": 1e6, "health_period_s": 1e6},
+            "exploration": {"stall_s": None},
+        }
+    )
+    run = Watched(
+        Core(configuration, SURVEY), boat(rng), SURVEY, job_s=float(rng.uniform(0.01, 3.0)), run_job=near_by
+    )
+    run.late = []
+    return run
+
+
+def meddle(run: Watched, rng: np.random.Generator) -> None:
+    """One thing that the operator, the autopilot or the link does."""
+    match rng.integers(10):
+        case 0 | 1 | 2:
+            run.select(MODES[rng.integers(len(MODES))])
+        case 3:
+            run.arm(armed=bool(rng.random() < 0.8))
+        case 4:
+            run.autopilot.reports.failsafe = bool(rng.random() < 0.4)
+        case 5:
+            run.operate(mavlink.MAVLink_mission_count_message(1, 1, int(rng.integers(0, 4)), 0))
+        case 6:
+            run.operate(mavlink.MAVLink_mission_clear_all_message(1, 1))
+        case 7:
+            dropped = rng.random()
+            run.passes = lambda message: rng.random() > 0.5 * dropped
+        case 8:
+            run.linked = not run.linked
+        case 9:
+            run.arm()
+            run.select(Mode.AUTO)
+
+
+def sail(seed: int, **authority: Any) -> Watched:
+    rng = np.random.default_rng(seed)
+    run = voyage(rng, **authority)
+    run.advance(float(rng.uniform(3.0, 5.0)))
+    run.arm()
+    run.select(Mode.AUTO)
+    for _ in range(12):
+        run.advance(float(rng.exponential(0.7)))
+        meddle(run, rng)
+    return run
+
+
+@pytest.mark.parametrize("hundred", range(10))
+def test_no_command_later_than_200_ms_after_the_boat_was_taken(hundred: int) -> None:
+    started = spoken = 0
+    for seed in range(100 * hundred, 100 * hundred + 100):
+        run = sail(seed, resume="never" if seed % 5 == 0 else "when_auto_again")
+        assert run.late == [], seed
+        started += any("exploring" in text for _, text in run.log)
+        spoken += sum(message.get_type() == "MISSION_COUNT" for _, message in run.sent)
+    assert started > 50, "most of them are surveys, or this would prove nothing"
+    assert spoken > 100
+
+
+@pytest.mark.parametrize("hundred", range(2))
+def test_in_observe_nothing_is_asked_and_nothing_commanded(hundred: int) -> None:
+    for seed in range(100 * hundred, 100 * hundred + 100):
+        run = sail(seed, mode="observe")
+        assert {message.get_type() for _, message in run.sent} <= MANNERS, seed
+
+
+def test_full_is_as_quiet_once_the_boat_was_taken() -> None:
+    commands = 0
+    for seed in range(100):
+        run = sail(seed, mode="full")
+        assert run.late == [], seed
+        commands += sum(message.get_type() == "COMMAND_LONG" for _, message in run.sent)
+    assert commands > 100
+
+
+@pytest.mark.parametrize("mode", ["missions", "full", "observe"])
+@pytest.mark.parametrize("resume", ["when_auto_again", "never"])
+def test_the_table_is_complete_and_yields(mode: Any, resume: Any) -> None:
+    table = table_of(mode, resume)
+    for command in {before for before, _ in table} | {rule.after for rule in table.values()}:
+        for event in What:
+            rule = table[command, event]
+            if event in (What.UNSUPPORTED, What.FAILSAFE) and command is not Command.BEFORE_START:
+                assert rule.action is Action.LISTEN
+            if event in (What.ELSEWHERE, What.DISARMED) and command is not Command.BEFORE_START:
+                assert rule.action is Action.LISTEN
+            if rule.after is Command.YIELDED:
+                assert rule.action is Action.LISTEN
+            if mode == "missions":
+                assert rule.action not in (Action.ARM, Action.SELECT_AUTO, Action.GO_HOME)
+            if resume == "never" and command in (Command.YIELDED, Command.DISPLACED):
+                assert rule.after is Command.YIELDED
+    assert len(TABLE) == 4 * len(What)
