@@ -4,6 +4,7 @@ import pickle
 import numpy as np
 import pytest
 
+from autonomy.learning import fitting
 from autonomy.learning.fitting import Method, fit
 from autonomy.learning.kernel import Component, Hyperparameters, Kernel
 from autonomy.learning.likelihood import Readings, log_parameters
@@ -50,6 +51,29 @@ def test_the_likelihood_told_is_that_of_the_kernel_told(objective):
     r = readings(x, 1e-3 * y)
     found = fit(r, SE, SPAN, method=Method(objective))
     assert getattr(r, objective)(found.kernel)[0] == pytest.approx(found.log_likelihood, abs=1e-6)
+
+
+def test_a_summit_far_from_the_priors_has_to_be_two_nats_higher(monkeypatch):
+    # Without climbing, the two summits are the two starts: the priors' medians, and lengths five times shorter.
+    monkeypatch.setattr(fitting, "_lbfgs", lambda target, theta, method: (theta, 0, True, "did not climb"))
+    leads = []
+    for seed in range(40):
+        x, y = drawn(seed, 25, Hyperparameters(1.0, 0.01, (100.0, 100.0)))
+        found = []
+        for margin in (math.inf, -math.inf, 2.0):
+            with monkeypatch.context() as patched:
+                if math.isinf(margin):
+                    patched.setattr(fitting, "_SECOND_SUMMIT", margin)
+                found.append(fit(readings(x, y), SE, SPAN))
+        near, far, chosen = found
+        leads.append(far.score - near.score)
+        assert far.hyperparameters.lengthscales_m[0] == pytest.approx(
+            near.hyperparameters.lengthscales_m[0] / 5
+        )
+        assert chosen.kernel == (far if leads[-1] > 2.0 else near).kernel
+    assert any(0.0 < lead < 2.0 for lead in leads)
+    assert any(lead > 2.0 for lead in leads)
+    assert any(lead < 0.0 for lead in leads)
 
 
 def test_lengthscales_of_an_anisotropic_field_come_out_apart():
