@@ -160,7 +160,11 @@ class Core:
 
         Whatever this one was made with (configuration, survey) stays. Raises UnfitMemoryError: throw this one away.
         """
+        begun = self._helm.authority.command
         restore(memory, self)
+        if Command.OBSERVED in (begun, self._helm.authority.command):
+            # Whether we may command at all is for this run's configuration to say.
+            self._helm.authority.command = begun
         fault = self._learner.gp.check() if self._learner.born else None
         if fault is not None:
             raise UnfitMemoryError(f"the model is broken: {fault}")

@@ -251,3 +251,20 @@ def test_a_memory_of_another_version_is_refused(voyage: Any) -> None:
     memory["classes"][memory["classes"].index([name, attributes])][1][0] = "_gone"
     with pytest.raises(UnfitMemoryError, match=r"Exploration has other attributes in this version: .*_gone"):
         Core(voyage.core._configuration, voyage.survey).restore(memory)
+
+
+@pytest.mark.parametrize("mode", ["observe", "missions"])
+def test_whether_we_may_command_is_for_the_present_configuration_to_say(make_voyage: Any, mode: str) -> None:
+    before = make_voyage(authority={"mode": "missions" if mode == "observe" else "observe"})
+    before.advance(60.0)
+    if mode == "observe":
+        before.start()
+        before.advance(30.0)
+    now = make_voyage(authority={"mode": mode})
+    fresh = now.core._helm.authority.command
+    now.core.restore(through_bytes(before.core.checkpoint()))
+    assert now.core._helm.authority.command is fresh
+    now.core.resume(now.now, 5.0)
+    now.advance(60.0)
+    sent = {"MISSION_COUNT", "MISSION_ITEM_INT"} & set(now.traffic())
+    assert bool(sent) == (mode == "missions")
