@@ -2,7 +2,6 @@
 
 import struct
 
-SUFFIX = ".tlog"
 _TIME = struct.Struct(">Q")
 
 
