@@ -94,6 +94,7 @@ def test_a_boat_that_does_not_make_for_the_first_waypoint_is_told_again(make_voy
     assert voyage.autopilot.navigator.current > 1
     begun = voyage.now
     assert voyage.advance(60.0, until=lambda: voyage.autopilot.navigator.current == 1)
+    assert len(voyage.plans) == 2, "it is this mission that was made current, not a later one"
     assert voyage.advance(600.0, until=lambda: bool(voyage.lines("Reached waypoint #1", since=begun)))
 
 
