@@ -116,3 +116,18 @@ def test_a_new_kernel_is_judged_by_what_it_says_itself() -> None:
         learner.add(places[i], float(values[i]), float(i))
     assert learner.calibration.count == 50
     assert 0 < learner.ahead.figures.count < 50
+
+
+def test_what_came_meanwhile_is_learnt_again_but_not_judged_again() -> None:
+    places, values = readings(Log(), 70)
+    learner = taught(places[:50], values[:50], Log())
+    request = learner.reestimate_request(1, EstimationSection(candidates=("squared_exponential",)))
+    for i in range(50, 60):
+        learner.add(places[i], float(values[i]), float(i))
+    learner.adopt(reestimate(request))
+    while learner.catch_up():
+        pass
+    assert learner.calibration.count == 0
+    for i in range(60, 70):
+        learner.add(places[i], float(values[i]), float(i))
+    assert learner.calibration.count == 10
