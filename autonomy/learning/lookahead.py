@@ -63,7 +63,7 @@ class Lookahead:
         """A reading `value` (latent units) at `point` (d,) metres and model time `time_s`, before it is learnt.
 
         `model()` is what is believed at that moment without it; it is asked for once in `distance_m`: a copy of the
-        state, 1 to 2 ms for one of 600 coordinates, and about as much again for the forecast. `log_slope`: see
+        state, 2 ms for one of 600 coordinates, and 1 ms for the forecast. `log_slope`: see
         `Calibration.add`.
         """
         aside = self._aside
