@@ -87,7 +87,9 @@ def _forecast(model: FieldModel, point: FloatArray, dt_s: float) -> tuple[float,
     for group, factor in zip(kernel.groups, model.factors, strict=True):
         a = np.zeros(0)
         if len(model):
-            a = solve_triangular(factor, group.covariance(model.basis, point[None])[:, 0], lower=True)
+            k = group.covariance(model.basis, point[None])[:, 0]
+            # Unchecked: a model that was put aside broken is to give NaN, not to stop the reading.
+            a = solve_triangular(factor, k, lower=True, check_finite=False)
         # The field later is the first row of A times its state now (and noise).
         parts += [weight * a for weight in group.time.transition(dt_s)[0]]
     c = np.concatenate(parts)

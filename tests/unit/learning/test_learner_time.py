@@ -81,6 +81,16 @@ def test_a_state_that_breaks_is_made_anew_from_the_history(given):
     assert taught(hurt, 100, start=301).repairs == 1
 
 
+def test_a_factor_that_breaks_before_a_look_ahead_is_mended_too():
+    # One model is put aside with the broken factor, the next reading far away is asked of it.
+    hurt = taught(Learner(SPAN, 60, hyperparameters=STILL), 300)
+    hurt.gp._state._factors[0][5, 5] = math.nan
+    assert taught(hurt, 100, start=300).repairs == 1
+    assert hurt.gp.check() is None
+    assert np.isfinite(hurt.model().predict(PLACES).mean).all()
+    assert math.isfinite(hurt.ahead.figures.mean_square)
+
+
 def test_a_repair_while_a_job_runs_loses_nothing():
     learner = taught(Learner(SPAN, 60, hyperparameters=STILL), 200)
     result = reestimate(learner.reestimate_request(0, EstimationSection()))
