@@ -81,8 +81,11 @@ class Exploration:
         """Whether it is time for a new plan, the strongest reason first; None while the path goes on."""
         section = self._section
         rho = self.rho(figures)
+        # Several basis vectors may share a cell: with too few cells for a fit nothing would be estimated, and rho
+        # would count from nothing again. Who wants it sooner than a fit can be (the paper) has it.
+        fittable = figures.cells >= MINIMUM_POINTS or section.minimum_basis < MINIMUM_POINTS
         grown = figures.basis_size >= section.minimum_basis
-        if grown and rho > section.rho0:
+        if grown and fittable and rho > section.rho0:
             return Decision(Trigger.NOVELTY, True, f"rho {rho:.2f} > {section.rho0:.2f}")
         if figures.path_finished:
             return Decision(

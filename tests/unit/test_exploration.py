@@ -11,14 +11,15 @@ CAPACITY = 100
 PAPER = ExplorationSection(rho0=0.6, minimum_basis=1, maximum_interval_s=None, reestimate_on_path_end=False)
 
 
-def figures(basis_size=50, fresh=0, *, replaced=0, finished=False, time_s=0.0, cells=0, spread=1.0):
+def figures(basis_size=50, fresh=0, *, replaced=0, finished=False, time_s=0.0, cells=None, spread=1.0):
+    cells = basis_size if cells is None else cells
     return Figures(time_s, basis_size, CAPACITY, fresh, replaced, finished, cells, spread)
 
 
 def some_figures():
     return st.builds(
         lambda size, share, replaced, finished, time_s: Figures(
-            time_s, size, CAPACITY, round(share * size), replaced, finished, 0, 1.0
+            time_s, size, CAPACITY, round(share * size), replaced, finished, size, 1.0
         ),
         st.integers(0, CAPACITY),
         st.floats(0.0, 1.0),
@@ -71,6 +72,16 @@ def test_nothing_but_a_finished_path_counts_before_there_is_a_basis(figures):
     decision = exploration(minimum_basis=CAPACITY, maximum_interval_s=1.0, rho0=0.01).decide(figures)
     if figures.basis_size < CAPACITY:
         assert (decision is not None) == figures.path_finished
+
+
+def test_rho_waits_until_there_are_cells_enough_for_a_fit():
+    # Neighbouring basis vectors share cells. A re-estimate from 19 of them would keep the hyperparameters, and rho
+    # would have to grow from nothing once more while the model made of the first readings goes on.
+    assert exploration().decide(figures(25, 25, cells=19)) is None
+    assert exploration().decide(figures(25, 25, cells=20)).trigger is Trigger.NOVELTY
+    assert exploration(minimum_basis=50).decide(figures(60, 60, cells=20)).trigger is Trigger.NOVELTY
+    assert exploration(minimum_basis=12).decide(figures(25, 25, cells=9)).trigger is Trigger.NOVELTY
+    assert Exploration(PAPER).decide(figures(25, 25, cells=1)).trigger is Trigger.NOVELTY
 
 
 def test_the_threshold_itself_does_not_fire():
