@@ -16,8 +16,6 @@ from autonomy.learning.numbers import FloatArray
 
 CELLS_PER_SPAN = 30
 SAMPLES_PER_SLICE = 50
-# While there is room, cells are that many times narrower: averaged over span/30, fronts look like noise.
-_NARROWER = 4
 # A place needs two cells at least, the present and the past: with less memory places are larger.
 _CELLS_PER_PLACE = 2.2
 # No index of a place is larger: it has to fit 64 bits.
@@ -47,8 +45,7 @@ class HistoryCells:
 class History:
     """Sums of all readings in cells span/30 wide and 50 samples long, at most `maximum_cells`. Picklable.
 
-    They begin a quarter as wide, and are widened when the memory is full for the first time and the second. With
-    fewer than 2000 cells they end wider, so that a square of side `span_m` still has two a place.
+    With fewer than 2000 cells they are wider, so that a square of side `span_m` still has two a place.
     A place's cells form a chain in the order in which they were begun. When the memory is full, a new cell
     is paid for by merging the two neighbours in one chain whose ages differ by the smallest factor: a field
     that does not move loses nothing, and on one that does the ages that remain are log-spaced, so that the
@@ -61,8 +58,7 @@ class History:
             raise ValueError(f"span_m must be positive and finite, not {span_m!r}")
         if maximum_cells < 10:
             raise ValueError(f"maximum_cells must be at least 10, not {maximum_cells!r}")
-        self._settled_m = span_m / min(CELLS_PER_SPAN, math.isqrt(int(maximum_cells / _CELLS_PER_PLACE)))
-        self.side_m = self._settled_m / _NARROWER
+        self.side_m = span_m / min(CELLS_PER_SPAN, math.isqrt(int(maximum_cells / _CELLS_PER_PLACE)))
         self.maximum_cells = int(maximum_cells)
         self.dimensions = int(dimensions)
         self.samples = 0
@@ -116,7 +112,6 @@ class History:
         """All there is to remember, as numbers and arrays (copies): what `restore` takes."""
         return {
             "side_m": self.side_m,
-            "settled_m": self._settled_m,
             "maximum_cells": self.maximum_cells,
             "samples": self.samples,
             "mean": self._mean,
@@ -143,7 +138,7 @@ class History:
         if ((links < 0) | (links >= used)).any() or len(set(links.tolist())) != len(links):
             raise ValueError("a link must name another cell, and no two the same")
         history = cls(1.0, maximum, sums.shape[1] - 3)
-        history.side_m, history._settled_m = float(state["side_m"]), float(state["settled_m"])
+        history.side_m = float(state["side_m"])
         history.samples = int(state["samples"])
         history._mean, history._squares = float(state["mean"]), float(state["squares"])
         history._used = used
@@ -163,7 +158,7 @@ class History:
     def _begin(self, row: list[float], part: int) -> int:
         """An empty cell at the young end of its place's chain."""
         while self._used == self.maximum_cells:
-            if self.side_m < 0.75 * self._settled_m or not self._merge(now_s=row[self.dimensions + 1]):
+            if not self._merge(now_s=row[self.dimensions + 1]):
                 self._widen()
         place = self._place(row)
         before = self._youngest.get(place, _NONE)

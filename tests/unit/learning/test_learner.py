@@ -346,9 +346,7 @@ def test_a_fit_of_the_rebuilt_basis_knows_that_its_readings_are_means():
     for seed in range(4):
         rng = np.random.default_rng(seed)
         truth, x = field(rng, h), legs(rng, 3000, step=3.0)
-        # With so little memory cells are wide.
-        learner = Learner(SPAN, hyperparameters=h, history_cells=300)
-        learner = taught(learner, x, truth(x) + 0.3 * rng.normal(size=3000))
+        learner = taught(Learner(SPAN, hyperparameters=h), x, truth(x) + 0.3 * rng.normal(size=3000))
         assert (learner.gp.basis_counts == 1).all()
         learner.adopt(reestimate(learner.reestimate_request(1, options)))
         assert learner.gp.basis_counts.mean() > 5
