@@ -289,10 +289,10 @@ BROKEN = {
         "[lower, upper], e.g. [0, 40]",
     ),
     "capacity below the minimum": Broken(
-        AREA + "model:\n  capacity: 20\n",
+        AREA + "model:\n  capacity: 15\n",
         "4:3",
         "exploration.minimum_basis",
-        "must be at most model.capacity (20) (got 30)",
+        "must be at most model.capacity (15) (got 20)",
         "exploration.minimum_basis <= model.capacity",
     ),
     "a minimum that a chosen capacity may miss": Broken(
