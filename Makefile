@@ -9,16 +9,18 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
-.PHONY: help setup demo test accuracy soak-learning lint bench clean
+.PHONY: help setup demo test accuracy soak-learning soak-authority soak-restarts lint bench clean
 
 help:
-	@echo "make demo    a simulated vessel learns a patch of coast: three processes, about two minutes, one picture"
-	@echo "make test    the test suite"
-	@echo "make accuracy       the learner against exact processes, scikit-learn and moving seas, on many fields: hours"
-	@echo "make soak-learning  a million readings on one track: an hour"
-	@echo "make lint    style, types and import contracts"
-	@echo "make bench   benchmarks, as ratios against references measured in the same run"
-	@echo "make clean   remove the virtual environment and caches"
+	@echo "make demo            a simulated vessel learns a patch of coast: three processes, about two minutes, one picture"
+	@echo "make test            the test suite"
+	@echo "make accuracy        the learner against exact processes, scikit-learn and moving seas, on many fields: an hour"
+	@echo "make soak-learning   a million readings on one track: an hour"
+	@echo "make soak-authority  a thousand surveys that operator and autopilot meddle with: ten minutes"
+	@echo "make soak-restarts   two hundred times kill -9: half an hour"
+	@echo "make lint            style, types and import contracts"
+	@echo "make bench           benchmarks, as ratios against references measured in the same run"
+	@echo "make clean           remove the virtual environment and caches"
 
 $(READY): pyproject.toml autonomy/learning/_compiled.c
 	$(PYTHON) -m venv $(VENV)
@@ -44,6 +46,12 @@ accuracy: $(READY)
 soak-learning: $(READY)
 	HALOCLINE_SOAK_UPDATES=1000000 $(BIN)/python -m pytest -q -s --timeout=14400 tests/unit/learning/test_learning_soak.py
 
+soak-authority: $(READY)
+	HALOCLINE_HUNDREDS=10 $(BIN)/python -m pytest -q -n 2 tests/property/test_authority.py
+
+soak-restarts: $(READY)
+	HALOCLINE_KILLS=200 $(BIN)/python -m pytest -q -s --timeout=14400 tests/process/test_resumption.py
+
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -54,4 +62,4 @@ bench: $(READY)
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-disable-gc -q
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache autonomy/learning/*.so
