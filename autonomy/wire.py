@@ -18,6 +18,7 @@ from autonomy.wire_rules import (
     MAXIMUM_LINE,
     MAXIMUM_OBSERVATIONS,
     MAXIMUM_REASON,
+    MAXIMUM_REJECTED,
     PARALLEL,
     UINT8_TAG,
     VEHICLE_NAME,
@@ -109,6 +110,12 @@ class PlanNotice:
         mutual_information: of the spots, in nats; None if unknown.
         planner: name of the planner.
         reason: why there is a new plan, for a person.
+        objective_before: the planner's objective, a cost, had the rest of the previous plan been sailed instead.
+        objective_after: the same of this plan.
+        expected_rmse: of the map once the plan has been sailed, in the units that the model is Gaussian in.
+        rejected: names and objectives of candidates that lost, the best first.
+        seed: of the planner's random choices.
+        model_version: readings that the model knew that was planned with.
     """
 
     sequence: int
@@ -118,6 +125,12 @@ class PlanNotice:
     mutual_information: float | None
     planner: str
     reason: str
+    objective_before: float | None = None
+    objective_after: float | None = None
+    expected_rmse: float | None = None
+    rejected: tuple[tuple[str, float], ...] = ()
+    seed: int | None = None
+    model_version: int | None = None
 
 
 @dataclass(frozen=True)
@@ -255,6 +268,7 @@ def _as_map(value: Payload) -> tuple[Topic, dict[str, Any]]:
             content["route_deg"] = _float64(value.route_deg)
             content["is_spot"] = cbor2.CBORTag(UINT8_TAG, bytes(value.is_spot))
             content["reason"] = _cut(value.reason, MAXIMUM_REASON)
+            content["rejected"] = [list(each) for each in value.rejected[:MAXIMUM_REJECTED]]
             return Topic.PLAN, content
         case HealthNotice():
             content["reason"] = _cut(value.reason, MAXIMUM_REASON)

@@ -15,6 +15,7 @@ from autonomy.learning.calibration import CalibrationFigures
 MAXIMUM_OBSERVATIONS = 4096
 MAXIMUM_CORNERS = 10_000
 MAXIMUM_REASON = 400
+MAXIMUM_REJECTED = 20
 MAXIMUM_KERNEL = 200
 MAXIMUM_LINE = 2000
 VEHICLE_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
@@ -217,11 +218,26 @@ def _calibration(value: Any) -> CalibrationFigures:
     return CalibrationFigures(**_each(value, _CALIBRATION))
 
 
+def _rejected(value: Any) -> tuple[tuple[str, float], ...]:
+    """Names and objectives of the candidates that lost."""
+    if not isinstance(value, list | tuple) or len(value) > MAXIMUM_REJECTED:
+        raise WireError(f"must be a list of at most {MAXIMUM_REJECTED} (got {brief(value)})")
+    name, objective = _text(40), _number()
+    rows = []
+    for row in value:
+        if not isinstance(row, list | tuple) or len(row) != 2:
+            raise WireError(f"must hold pairs of a name and a number (got {brief(row)})")
+        rows.append((name(row[0]), objective(row[1])))
+    return tuple(rows)
+
+
 def _each(content: dict[str, Any], rules: dict[str, Rule]) -> dict[str, Any]:
     """The fields of a map, each by its rule; keys without a rule are ignored, for newer vehicles."""
     values: dict[str, Any] = {}
     for name, rule in rules.items():
         if name not in content:
+            if name in ADDED:
+                continue
             raise WireError(f"{name}: is missing")
         try:
             values[name] = rule(content[name])
@@ -268,6 +284,12 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "mutual_information": _or_none(_number()),
         "planner": _text(40),
         "reason": _text(MAXIMUM_REASON),
+        "objective_before": _or_none(_number()),
+        "objective_after": _or_none(_number()),
+        "expected_rmse": _or_none(_number(0)),
+        "rejected": _rejected,
+        "seed": _or_none(_count),
+        "model_version": _or_none(_count),
     },
     Topic.OBSERVATIONS: {
         "model_time_s": _columns,
@@ -306,6 +328,11 @@ RULES: dict[Topic, dict[str, Rule]] = {
     },
     Topic.LOG: {"level": _one_of(LEVELS), "text": _text(MAXIMUM_LINE)},
 }
+
+ADDED = frozenset(
+    {"objective_before", "objective_after", "expected_rmse", "rejected", "seed", "model_version"}
+)
+"""Fields that came into a version after its beginning: an older sender has not got them, and has their defaults."""
 
 
 # Arrays that belong together, element by element.

@@ -20,6 +20,14 @@ class Plan:
         planner: name of the planner that made it.
         reason: why a plan was made now, for a person.
         unreachable_sites: candidates that no way over water leads to from the start.
+        objective_before: the planner's objective, a cost (less is better), had the remainder of the previous plan
+            been sailed instead; None: there was none, or the planner does not compare with it.
+        objective_after: the same of this plan; None: the planner has no such objective.
+        expected_rmse: root of the mean posterior variance over the water once the plan has been sailed, in the units
+            that the model is Gaussian in; None: not known.
+        rejected: names and objectives of the candidates that lost to this plan, the best first.
+        seed: what the planner drew its random choices from; None: not recorded.
+        model_version: how many readings the model knew that was planned with; None: not recorded.
     """
 
     start_m: FloatArray
@@ -29,6 +37,12 @@ class Plan:
     planner: str
     reason: str
     unreachable_sites: int = 0
+    objective_before: float | None = None
+    objective_after: float | None = None
+    expected_rmse: float | None = None
+    rejected: tuple[tuple[str, float], ...] = ()
+    seed: int | None = None
+    model_version: int | None = None
 
     @property
     def spots_m(self) -> FloatArray:

@@ -28,6 +28,7 @@ from autonomy.wire import (
     schema,
     split_key,
 )
+from autonomy.wire_rules import ADDED
 
 number = st.floats(-1e6, 1e6)
 latitude, longitude = st.floats(-90, 90), st.floats(-180, 360)
@@ -58,6 +59,12 @@ plans = st.integers(0, 20).flatmap(
         mutual_information=maybe(number),
         planner=st.text(max_size=40),
         reason=st.text(max_size=400),
+        objective_before=maybe(number),
+        objective_after=maybe(number),
+        expected_rmse=maybe(st.floats(0, 1e6)),
+        rejected=st.lists(st.tuples(st.text(max_size=40), number), max_size=20).map(tuple),
+        seed=maybe(count),
+        model_version=maybe(count),
     )
 )
 flag = st.sampled_from([1, 2, 3, 4, 9])
@@ -275,7 +282,7 @@ def test_any_field_may_hold_anything(data, topic, value):
 @pytest.mark.parametrize("topic", list(Topic))
 def test_every_missing_field_is_named(topic):
     content = cbor2.loads(encode(GOOD[topic]))
-    for name in content:
+    for name in content.keys() - ADDED:
         rest = {other: value for other, value in content.items() if other != name}
         with pytest.raises(WireError, match=f"{topic.value}: {name}: "):
             decode(topic, cbor2.dumps(rest))
@@ -291,6 +298,34 @@ def test_another_version_is_refused_and_new_fields_are_not():
             VersionError, match=rf"health: v: must be 2 \(got {version}\): .* update the older"
         ):
             decode(Topic.HEALTH, cbor2.dumps({**content, "v": version}))
+
+
+def test_a_plan_of_an_older_vehicle_lacks_what_was_added_and_nothing_else():
+    full = dataclasses.replace(PLAN, objective_after=0.7, rejected=(("lawnmower", 0.8),), seed=3)
+    content = {name: value for name, value in cbor2.loads(encode(full)).items() if name not in ADDED}
+    assert decode(Topic.PLAN, cbor2.dumps(content)) == PLAN
+
+
+@pytest.mark.parametrize(
+    ("rejected", "complaint"),
+    [
+        ("lawnmower", "must be a list of at most 20"),
+        ([["lawnmower"]], "must hold pairs"),
+        ([["x" * 41, 1.0]], "must be text of at most 40"),
+        ([["lawnmower", "1"]], "must be a number"),
+        ([["lawnmower", 1.0]] * 21, "must be a list of at most 20"),
+    ],
+)
+def test_strange_lists_of_candidates_are_refused(rejected, complaint):
+    content = {**cbor2.loads(encode(PLAN)), "rejected": rejected}
+    with pytest.raises(WireError, match=f"plan: rejected: {complaint}"):
+        decode(Topic.PLAN, cbor2.dumps(content))
+
+
+def test_of_many_candidates_the_best_are_told():
+    many = tuple((f"candidate {k}", float(k)) for k in range(30))
+    back = decode(Topic.PLAN, encode(dataclasses.replace(PLAN, rejected=many)))
+    assert back.rejected == many[:20]
 
 
 @pytest.mark.parametrize("name", ["coverage_95", "mean_square", "log_score", "count"])
