@@ -12,33 +12,37 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autonomy.mavlink.signing import SIGNATURE_BYTES, Signing
+
 _MARKER = re.compile(b"[\xfe\xfd]")
 _V1_OVERHEAD = 8  # marker, 5 header bytes, 2 checksum bytes
 _V2_OVERHEAD = 12
-_SIGNATURE = 13
-_SIGNED = 0x01
+_SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
 _MAXIMUM_PEERS = 64
 
 
 @dataclass
 class DecodingCounters:
-    """What came in since the codec was made."""
+    """What came in since the codec was made. `keys` are messages that bring a signing key: nobody gets to see them."""
 
     messages: int = 0
     bad_frames: int = 0
     unknown_messages: int = 0
     skipped_bytes: int = 0
+    keys: int = 0
 
 
 class Codec:
     """One end of a MAVLink link: our identity, our sequence numbers, and one parser for each peer.
 
-    `system_id` may be changed at any time: a companion takes over the vehicle's once it is known.
+    `system_id` may be changed at any time: a companion takes over the vehicle's once it is known. With `signing` all
+    that is sent is signed, and nothing is accepted that is not signed with the same key, or was accepted before.
     """
 
-    def __init__(self, system_id: int, component_id: int) -> None:
+    def __init__(self, system_id: int, component_id: int, signing: Signing | None = None) -> None:
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
         self._mav.robust_parsing = True
+        self._signing = signing
         self._tails: OrderedDict[Hashable, bytes] = OrderedDict()
         self.counters = DecodingCounters()
 
@@ -59,16 +63,16 @@ class Codec:
         return int(self._mav.srcComponent)
 
     def encode(self, message: Any) -> bytes:
-        """Pack `message` with our identity and the next sequence number."""
+        """Pack `message` with our identity and the next sequence number, and sign it if there is a key."""
         data = bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
-        return data
+        return data if self._signing is None else self._signing.sign(data, message.crc_extra)
 
     def decode(self, data: bytes, peer: Hashable = None) -> list[Any]:
         """All complete messages of known type after `data` arrived from `peer`; never raises on any bytes.
 
         A frame may be split over several calls with the same peer. Corrupt and unknown frames are counted
-        in `counters` and left out.
+        in `counters` and left out; so are those that signing refuses, which it counts itself.
         """
         tail = self._tails.pop(peer, b"")
         if tail and self._opens_with_a_frame(data):
@@ -97,13 +101,27 @@ class Codec:
                 position += 1
                 continue
             position += length
-            if _is_unknown(message):
-                self.counters.unknown_messages += 1
-            else:
+            if self._is_welcome(message):
                 self.counters.messages += 1
                 messages.append(message)
         self.counters.skipped_bytes += len(buffer) - position
         return messages, b""
+
+    def _is_welcome(self, message: Any) -> bool:
+        """Whether a sound message is to be passed on."""
+        if _is_unknown(message):
+            self.counters.unknown_messages += 1
+            return False
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        if self._signing is not None and self._signing.check(
+            bytes(message.get_msgbuf()), *sender, message.get_msgId()
+        ):
+            return False
+        if message.get_msgId() == mavlink.MAVLINK_MSG_ID_SETUP_SIGNING:
+            # It holds somebody's key, and would go into the journal.
+            self.counters.keys += 1
+            return False
+        return True
 
     def _message(self, frame: bytes) -> Any | None:
         if frame[0] == mavlink.PROTOCOL_MARKER_V2 and frame[2] & ~_SIGNED:
@@ -130,7 +148,7 @@ def _frame_length(buffer: bytes, start: int) -> int | None:
     payload = buffer[start + 1]
     if buffer[start] == mavlink.PROTOCOL_MARKER_V1:
         return payload + _V1_OVERHEAD
-    return payload + _V2_OVERHEAD + (_SIGNATURE if buffer[start + 2] & _SIGNED else 0)
+    return payload + _V2_OVERHEAD + (SIGNATURE_BYTES if buffer[start + 2] & _SIGNED else 0)
 
 
 def _ends_cleanly(buffer: bytes, end: int) -> bool:
