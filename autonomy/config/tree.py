@@ -300,7 +300,7 @@ class QualitySection(Section):
     flat_suspect_s: Limit | None = Field(
         default=None,
         description="time for which a reading may stay the same before it is suspect; null: four times as many "
-        "repeats as the longest of the last sixty runs of equal readings had and at least four, or not at all "
+        "repeats as the third longest of the last sixty runs of equal readings had and at least four, or not at all "
         "where most readings repeat the one before",
         json_schema_extra={"allowed": LIMIT_FORMS},
     )

@@ -113,6 +113,7 @@ _FAILSAFE = "a failsafe has the boat (system status {status})"
 _TAKEN = "the operator has the boat ({mode}{disarmed}): we wait for AUTO"
 _WAIT = "waiting for the operator to arm and select AUTO ({mode})"
 _UNDER_WAY = "in AUTO under our mission"
+_UNSURE = "in AUTO, but {on_board}"
 _MISSION = "{on_board}"
 _HOME = "on its way home ({mode})"
 _SENDING = "the battery is at {battery}: the boat is told to return"
@@ -146,7 +147,7 @@ TABLE: Mapping[tuple[Command, Event], Rule] = {
     (_O, _E.OTHERS): Rule(_D, _A.READ, _MISSION),
     (_O, _E.LOW): Rule(_O, _A.SAIL, _UNDER_WAY),
     (_O, _E.OURS): Rule(_O, _A.SAIL, _UNDER_WAY),
-    (_O, _E.UNCERTAIN): Rule(_O, _A.SAIL, _UNDER_WAY),
+    (_O, _E.UNCERTAIN): Rule(_O, _A.SAIL, _UNSURE),
     # In AUTO, but the mission on board is another station's: it holds, and we go on reading what is there.
     (_D, _E.UNSUPPORTED): Rule(_Y, _A.LISTEN, _STRANGE),
     (_D, _E.FAILSAFE): Rule(_Y, _A.LISTEN, _FAILSAFE),
@@ -174,7 +175,7 @@ TABLE: Mapping[tuple[Command, Event], Rule] = {
     (_Y, _E.OTHERS): Rule(_D, _A.READ, _MISSION),
     (_Y, _E.LOW): Rule(_O, _A.SAIL, _UNDER_WAY),
     (_Y, _E.OURS): Rule(_O, _A.SAIL, _UNDER_WAY),
-    (_Y, _E.UNCERTAIN): Rule(_O, _A.SAIL, _UNDER_WAY),
+    (_Y, _E.UNCERTAIN): Rule(_O, _A.SAIL, _UNSURE),
 }
 """`authority.mode: missions`, `authority.resume: when_auto_again`: every state and event has its line."""
 

@@ -2,9 +2,9 @@
 
 QARTOD's test 8, over time instead of a count of readings: a reading's flag follows from how long all readings up to
 it have stayed within the tolerance. A limit of None is scaled to the stream: `LONGEST_RATIO` times as many repeats as
-the longest of the last runs had. That asks for a probe that resolves its own noise and so hardly repeats itself. Of one
-that sends each value four times, or rounds coarsely, nothing is known without a limit: in quiet water it stays the same
-for as long as the water does.
+the third longest of the last runs had. That asks for a probe that resolves its own noise and so hardly repeats itself.
+Of one that sends each value four times, or rounds coarsely, nothing is known without a limit: in quiet water it stays
+the same for as long as the water does.
 """
 
 import math
@@ -25,6 +25,10 @@ MOST_REPEATS = 0.5
 """A larger share of repeats among the last readings is no probe that resolves its noise."""
 
 _RUNS = 61
+
+_STUCK = 2
+"""So many of the longest runs say nothing of what is usual: air in the cell must not excuse the fouling after it."""
+
 _LONGEST_QUEUE = 20_000
 
 
@@ -97,7 +101,7 @@ class FlatLine:
         """The flag of the next reading; a run exactly as long as a limit has reached it."""
         lasted_s, repeats = self._run.add(time_s, value)
         if repeats <= self._repeats:
-            # Those of stuck probes too: so many changes later they are forgotten, and coarse rounding is learnt.
+            # Those of stuck probes too: coarse rounding looks the same at first, and is learnt when it goes on.
             self._runs.append(self._repeats)
         self._repeats = repeats
         usual = self._usual_repeats()
@@ -113,7 +117,8 @@ class FlatLine:
         total = sum(self._runs)
         if total > MOST_REPEATS * (total + len(self._runs)):
             return math.inf
-        return max(FEWEST_REPEATS, LONGEST_RATIO * max(self._runs, default=0))
+        longest = sorted(self._runs)[-1 - _STUCK :]
+        return max(FEWEST_REPEATS, LONGEST_RATIO * longest[0]) if len(longest) > _STUCK else FEWEST_REPEATS
 
     def interrupt(self) -> None:
         """Readings are missing: nothing says that the value stayed the same meanwhile."""

@@ -43,6 +43,17 @@ class Sea:
         return (self.south < lat_deg) & (lat_deg < self.north) & (self.west < lon_deg) & (lon_deg < self.east)
 
 
+def rmse_of(model: Any) -> float:
+    """Of a model's map against the truth, over the water."""
+    x, y = np.linspace(0.0, WIDTH_M, 40), np.linspace(0.0, HEIGHT_M, 32)
+    grid = np.stack(np.meshgrid(x, y), axis=-1)
+    degrees = FRAME.to_geodetic(grid)
+    truth = Sea().value(degrees[..., 0], degrees[..., 1], 0.0)
+    mean = model.predict_grid(x, y).mean
+    water = ~shapely.contains_xy(ISLAND, grid[..., 0], grid[..., 1])
+    return float(np.sqrt(np.mean((mean - truth)[water] ** 2)))
+
+
 SETTINGS: dict[str, dict[str, Any]] = {
     "mavlink": {"acceptance_radius_m": 15.0},
     "survey": {"area": [(33.4, -118.6), (33.4, -118.4), (33.6, -118.4), (33.6, -118.6)]},
@@ -126,13 +137,7 @@ class Voyage(DiscreteRun):
 
     def rmse(self) -> float:
         """Of the newest published model against the truth, over the water."""
-        x, y = np.linspace(0.0, WIDTH_M, 40), np.linspace(0.0, HEIGHT_M, 32)
-        grid = np.stack(np.meshgrid(x, y), axis=-1)
-        degrees = FRAME.to_geodetic(grid)
-        truth = Sea().value(degrees[..., 0], degrees[..., 1], 0.0)
-        mean = self.published[Topic.MODEL][-1].model.predict_grid(x, y).mean
-        water = ~shapely.contains_xy(ISLAND, grid[..., 0], grid[..., 1])
-        return float(np.sqrt(np.mean((mean - truth)[water] ** 2)))
+        return rmse_of(self.published[Topic.MODEL][-1].model)
 
     def start(self) -> None:
         """The operator starts the survey; it is under way when this returns."""

@@ -179,10 +179,12 @@ def _north_m(voyage):
     return float(voyage.survey.frame.to_local(*voyage.autopilot.vessel.position)[1])
 
 
-def test_a_scale_guessed_from_the_first_metres_is_mended_long_before_the_path_ends(make_voyage):
-    """Every reading teaches: the first eight lie within a hundred metres, where the sea hardly varies."""
+def test_a_signal_variance_that_is_far_too_small_is_mended_long_before_the_path_ends(make_voyage):
+    """Set by hand to what the first metres of a path vary by: a fiftieth of what the sea does."""
+    guess = {"signal_variance": 0.002, "noise_variance": 4e-4, "lengthscales_m": (300.0, 300.0)}
     voyage = make_voyage(
         sampling={"spacing_m": 0.0},
+        model={"capacity": 40, "centring_samples": 8, "history_cells": 400, "hyperparameters": guess},
         exploration={"outgrown_ratio": 4.0, "rho0": 1.0, "minimum_basis": 30, "maximum_interval_s": None},
     )
     voyage.start()
