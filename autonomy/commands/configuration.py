@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from pathlib import Path
 
 from autonomy.config import ConfigurationError, Loaded, Origin, Problem, load_with_origins
 from autonomy.config.problems import Source
@@ -25,7 +26,7 @@ def add_override_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def load_with_survey(file: str, overrides: list[str]) -> tuple[Loaded, SurveyArea]:
-    """Read a configuration and the GeoJSON files that it names.
+    """Read a configuration and the files of polygons and depths that it names.
 
     Raises:
         ConfigurationError: either can't be used.
@@ -62,7 +63,10 @@ def _override(text: str) -> str:
 def _survey_problem(loaded: Loaded, file: str, error: SurveyError) -> Problem:
     """The reader's message, placed at the key that names the file in question, else at the section."""
     section = loaded.configuration.survey
-    named = [key for key in type(section).model_fields if str(getattr(section, key)) in str(error)]
+    files = {
+        key: value for key in type(section).model_fields if isinstance(value := getattr(section, key), Path)
+    }
+    named = [key for key, value in files.items() if str(value) in str(error)]
     key = next((key for key in named if ("survey", key) in loaded.origins), None)
     path = ("survey",) if key is None else ("survey", key)
     origin = loaded.origins.get(path, Origin(Source.FILE, file))

@@ -68,7 +68,7 @@ __all__ = [
 MAXIMUM_FINDINGS = 200
 """More mistakes than this in one file are counted, not listed."""
 
-_GEOJSON = "a file of GeoJSON polygons"
+_FILE = "the name of a file that is there and may be read"
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def _resolve_files(document: Document) -> Iterator[Problem]:
             file = (base if origin.source is Source.FILE else Path.cwd()) / values[name]
             values[name] = str(file)
             if not holds_folder(field) and not _is_readable_file(file):
-                yield Problem(origin, f"{section_name}.{name}", f"no readable file {str(file)!a}", _GEOJSON)
+                yield Problem(origin, f"{section_name}.{name}", f"no readable file {str(file)!a}", _FILE)
 
 
 def _is_readable_file(file: Path) -> bool:

@@ -204,7 +204,7 @@ class SensorSection(Section):
 
 
 class SurveySection(Section):
-    """Where to survey. Files are GeoJSON, resolved relative to the configuration file."""
+    """Where to survey. Files are GeoJSON, QGroundControl .plan, KML or KMZ, relative to the configuration file."""
 
     area: Area = Field(
         description="the survey area",
@@ -215,7 +215,20 @@ class SurveySection(Section):
     land: FilePath | None = Field(
         default=None, description="polygons of land; without them all of the area is water"
     )
-    standoff_m: NonNegative = Field(default=100.0, description="distance kept from land and keep-out")
+    depth: FilePath | None = Field(
+        default=None,
+        description="grid of depths: an ESRI ASCII grid (.asc) in degrees, which covers the area",
+    )
+    depth_positive: Literal["up", "down"] = Field(
+        default="up", description="up: the grid has heights, negative below the water; down: it has depths"
+    )
+    minimum_depth_m: NonNegative = Field(
+        default=2.0,
+        description="where the grid has less water, or no value, is land; no tide is added or taken away",
+    )
+    standoff_m: NonNegative = Field(
+        default=100.0, description="distance kept from land, shallows and keep-out"
+    )
     passage_cells: int = Field(
         default=200,
         ge=20,

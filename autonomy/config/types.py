@@ -14,7 +14,9 @@ from autonomy.endpoints import check_endpoint, parse_link
 ENDPOINT_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD"
 LOCATOR_FORMS = "PROTOCOL/HOST:PORT with protocol tcp, udp, tls, quic or ws"
 LIMIT_FORMS = "a number above 0, .inf for no limit, or null"
-AREA_FORMS = "at least 3 [latitude, longitude] pairs in order round the area, or a file of GeoJSON polygons"
+AREA_FORMS = (
+    "at least 3 [latitude, longitude] pairs in order round the area, or a file (GeoJSON, .plan, KML or KMZ)"
+)
 FOLDER = "folder"
 """Marks the name of a folder, which need not be there yet."""
 _MAXIMUM_SPAN_DEG = 20.0

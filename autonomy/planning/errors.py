@@ -1,6 +1,10 @@
 """What can go wrong in planning."""
 
 
+class SurveyError(ValueError):
+    """The survey's geometry cannot be used; the text says which file, which feature, what would be right."""
+
+
 class PlanningError(Exception):
     """No plan can be made; the text says why, for a person."""
 

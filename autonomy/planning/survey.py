@@ -14,7 +14,9 @@ from shapely.geometry.base import BaseGeometry
 
 from autonomy.config import SurveySection
 from autonomy.geometry import FloatArray, LocalFrame
-from autonomy.planning.geojson import SurveyError, read_polygons
+from autonomy.planning.depth import shallow_water
+from autonomy.planning.errors import SurveyError
+from autonomy.planning.polygon_files import Role, read_polygons
 
 __all__ = ["SurveyArea", "SurveyError", "read_survey"]
 
@@ -96,7 +98,7 @@ class SurveyArea:
         obstacles = shapely.union_all([shape for _, shape in closed]) if closed else Polygon()
         water = _polygonal(ground.difference(obstacles))
         if water.is_empty:
-            raise SurveyError("no water is left: land and keep-out cover the whole survey area")
+            raise SurveyError("no water is left: land, shallows and keep-out cover the whole survey area")
         navigable = _polygonal(water.difference(_grown(obstacles, standoff_m)))
         if navigable.is_empty:
             raise SurveyError(
@@ -206,14 +208,18 @@ class SurveyArea:
 
 
 def read_survey(section: SurveySection) -> SurveyArea:
-    """The survey of a configuration: its area and the GeoJSON files of keep-in, keep-out and land.
+    """The survey of a configuration: its area, the files of keep-in, keep-out and land, and its depths.
+
+    Water shallower than `survey.minimum_depth_m` counts as land.
 
     The frame's origin is the middle of the area's bounds.
 
     Raises:
         SurveyError: a file is missing or wrong, or no navigable water is left.
     """
-    area = read_polygons(section.area) if isinstance(section.area, Path) else _from_corners(section.area)
+    area = (
+        read_polygons(section.area, "area") if isinstance(section.area, Path) else _from_corners(section.area)
+    )
     west, south, east, north = area.bounds
     if east - west > _WIDEST_DEG:
         raise SurveyError(
@@ -222,13 +228,20 @@ def read_survey(section: SurveySection) -> SurveyArea:
         )
     frame = LocalFrame((south + north) / 2, (west + east) / 2)
     window = _window(area.bounds, section.standoff_m)
-    keep_in = None if section.keep_in is None else _local(frame, read_polygons(section.keep_in), window)
+    land = _closed(frame, section.land, "land", area, window)
+    if section.depth is not None:
+        shallow = shallow_water(
+            section.depth, area.bounds, window, section.minimum_depth_m, section.depth_positive
+        )
+        shallow = _local(frame, shallow, window)
+        land = shallow if land is None else shapely.union(land, shallow)
+    keep_in = section.keep_in and _local(frame, read_polygons(section.keep_in, "keep_in"), window)
     return SurveyArea.from_geometry(
         frame,
         _local(frame, area, window),
-        land=_closed(frame, section.land, area, window),
+        land=land,
         keep_in=keep_in,
-        keep_out=_closed(frame, section.keep_out, area, window),
+        keep_out=_closed(frame, section.keep_out, "keep_out", area, window),
         standoff_m=section.standoff_m,
         passage_cells=section.passage_cells,
     )
@@ -248,17 +261,19 @@ def _window(
     return west - margin, max(-90.0, south - margin), east + margin, min(90.0, north + margin)
 
 
-def _closed(frame: LocalFrame, path: Path | None, area: BaseGeometry, window: Box) -> BaseGeometry | None:
+def _closed(
+    frame: LocalFrame, path: Path | None, role: Role, area: BaseGeometry, window: Box
+) -> BaseGeometry | None:
     """Land or keep-out in local metres, near the area."""
     if path is None:
         return None
-    shape = read_polygons(path, may_be_empty=True)
+    shape = read_polygons(path, role)
     if not shape.intersects(shapely.box(*window)):
         swapped = shapely.transform(shape, lambda positions: positions[:, ::-1])
         if swapped.intersects(area):
             raise SurveyError(
                 f"{path}: lies on the survey area only if its coordinates are read as latitude, longitude; "
-                "GeoJSON has the longitude first"
+                "GeoJSON and KML have the longitude first, a plan the latitude"
             )
     return _local(frame, shape, window)
 

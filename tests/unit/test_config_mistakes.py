@@ -240,7 +240,7 @@ BROKEN = {
         "2:3",
         "survey.area",
         "no readable file '",
-        "a file of GeoJSON polygons",
+        "the name of a file that is there and may be read",
     ),
     "no such land file": Broken(AREA + "  land: coast.geojson\n", "3:3", "survey.land", "no readable file '"),
     "a number for a file": Broken(

@@ -127,6 +127,8 @@ def test_configurations_are_accepted(page: Path, said: str, tmp_path: Path) -> N
     square = '{"type": "Polygon", "coordinates": [[[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1], [0, 0]]]}'
     for name in re.findall(r"\w+\.geojson", said):
         (tmp_path / name).write_text(square)
+    for name in re.findall(r"\w+\.asc", said):
+        (tmp_path / name).touch()
     file = tmp_path / "boat.yaml"
     file.write_text(said)
     asked = yaml.safe_load(said)["survey"]

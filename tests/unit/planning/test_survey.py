@@ -107,7 +107,7 @@ class TestGeometry:
     @pytest.mark.parametrize(
         ("given", "message"),
         [
-            ({"land": box(-1, -1, 1001, 801)}, "land and keep-out cover"),
+            ({"land": box(-1, -1, 1001, 801)}, "land, shallows and keep-out cover"),
             ({"land": box(450, 0, 550, 800), "standoff_m": 500.0}, "no navigable water"),
             ({"keep_in": box(2000, 0, 3000, 100)}, "do not overlap"),
             ({"keep_in": shapely.Polygon()}, "keep-in is empty"),
