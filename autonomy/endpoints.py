@@ -53,8 +53,52 @@ def check_endpoint(text: str) -> str:
     return text
 
 
+def is_encrypted(text: str) -> bool:
+    """Whether this is the address of a way that uses certificates: tls/… or quic/…."""
+    return text.startswith(("tls/", "quic/"))
+
+
+@dataclass(frozen=True)
+class Certificates:
+    """Names of files in PEM form for ways that are encrypted; None where there is none.
+
+    Attributes:
+        root_ca: of the authority that the other side's certificates come from; None: those that browsers trust.
+        certificate: what we show of ourselves.
+        private_key: of that certificate.
+        verify_name: whether the certificate of whom we dial must be for the host that we dial.
+    """
+
+    root_ca: str | None = None
+    certificate: str | None = None
+    private_key: str | None = None
+    verify_name: bool = True
+
+    def settings(self, *, listens: bool) -> dict[str, Any]:
+        """Settings of a zenoh session that dials, and that listens: then it lets in nobody without a certificate."""
+        way = "transport/link/tls"
+        files = {
+            "root_ca_certificate": self.root_ca,
+            "connect_certificate": self.certificate,
+            "connect_private_key": self.private_key,
+        }
+        if listens:
+            files |= {"listen_certificate": self.certificate, "listen_private_key": self.private_key}
+        settings: dict[str, Any] = {f"{way}/{name}": file for name, file in files.items() if file is not None}
+        mutual = listens or self.certificate is not None
+        return {
+            **settings,
+            f"{way}/enable_mtls": mutual,
+            f"{way}/verify_name_on_connect": self.verify_name,
+            f"{way}/close_link_on_expiration": True,
+        }
+
+
 def session_settings(
-    mode: Literal["peer", "client", "router"], connect: Sequence[str] = (), listen: Sequence[str] = ()
+    mode: Literal["peer", "client", "router"],
+    connect: Sequence[str] = (),
+    listen: Sequence[str] = (),
+    certificates: Certificates | None = None,
 ) -> dict[str, Any]:
     """Settings of a zenoh session: path in zenoh's configuration to value.
 

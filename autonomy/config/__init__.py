@@ -5,13 +5,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
-from autonomy.config.file import Document, KeyPath, read_document
+from autonomy.config.file import Document, KeyPath, dotted, read_document
 from autonomy.config.overlay import apply_environment, apply_overrides
+from autonomy.config.private import PrivateFileError, read_private
 from autonomy.config.problems import ConfigurationError, Origin, Problem, Source
-from autonomy.config.reference import holds_file, holds_folder, section_of
+from autonomy.config.reference import holds_file, holds_folder, holds_secret, section_of
 from autonomy.config.translate import translate
 from autonomy.config.tree import (
     LARGEST_CAPACITY,
@@ -32,7 +35,9 @@ from autonomy.config.tree import (
     Section,
     SensorSection,
     ShoreSection,
+    SigningSection,
     SurveySection,
+    TlsSection,
     VehicleSection,
 )
 
@@ -59,7 +64,9 @@ __all__ = [
     "Section",
     "SensorSection",
     "ShoreSection",
+    "SigningSection",
     "SurveySection",
+    "TlsSection",
     "VehicleSection",
     "load",
     "load_with_origins",
@@ -100,11 +107,12 @@ def load_with_origins(
 ) -> Loaded:
     """As `load`, and tells where each value comes from."""
     document = read_document(path)
-    apply_environment(document, os.environ if environment is None else environment, Configuration)
+    environment = os.environ if environment is None else environment
+    apply_environment(document, environment, Configuration)
     apply_overrides(document, overrides, Configuration)
-    _fill_empty_sections(document)
+    _fill_empty_sections(document.data, Configuration)
     problems = list(document.problems)
-    problems += _resolve_files(document)
+    problems += _resolve_files(document, environment)
     try:
         configuration = Configuration.model_validate(document.data)
     except ValidationError as error:
@@ -120,32 +128,56 @@ def load_with_origins(
     return Loaded(configuration, document.origins)
 
 
-def _fill_empty_sections(document: Document) -> None:
+def _fill_empty_sections(data: dict[str, Any], model: type[BaseModel]) -> None:
     """A section whose keys are all commented out reads as null; it means its defaults."""
-    for name, field in Configuration.model_fields.items():
-        if section_of(field) is not None and name in document.data and document.data[name] is None:
-            document.data[name] = {}
+    for name, field in model.model_fields.items():
+        section = section_of(field)
+        if section is None or name not in data:
+            continue
+        if data[name] is None and (field.is_required() or field.get_default() is not None):
+            data[name] = {}
+        if isinstance(data[name], dict):
+            _fill_empty_sections(data[name], section)
 
 
-def _resolve_files(document: Document) -> Iterator[Problem]:
-    """Make the names of files absolute, and look whether they are there.
+def _resolve_files(document: Document, environment: Mapping[str, str]) -> Iterator[Problem]:
+    """Make the names of files absolute, and look whether they are there, and private if they must be.
 
     Names in the file are relative to the file; names on the command line and in the environment are relative
     to the present directory, as everywhere on a command line.
     """
     base = Path(document.file).absolute().parent
-    for section_name, section_field in Configuration.model_fields.items():
-        section, values = section_of(section_field), document.data.get(section_name)
-        if section is None or not isinstance(values, dict):
-            continue
-        for name, field in section.model_fields.items():
-            if not holds_file(field) or not isinstance(values.get(name), str):
-                continue
-            origin = document.origins[section_name, name]
-            file = (base if origin.source is Source.FILE else Path.cwd()) / values[name]
-            values[name] = str(file)
-            if not holds_folder(field) and not _is_readable_file(file):
-                yield Problem(origin, f"{section_name}.{name}", f"no readable file {str(file)!a}", _FILE)
+    for path, values, field in _named_files(document.data, Configuration, ()):
+        origin = document.origins[path]
+        file = (base if origin.source is Source.FILE else Path.cwd()) / values[path[-1]]
+        values[path[-1]] = str(file)
+        if holds_secret(field):
+            try:
+                read_private(file, environment)
+            except PrivateFileError as error:
+                yield Problem(origin, dotted(path), str(error), "a file that only its owner may read")
+        elif not holds_folder(field) and not _is_readable_file(file):
+            yield Problem(origin, dotted(path), f"no readable file {str(file)!a}", _kind_of_file(field))
+
+
+def _named_files(
+    values: Any, model: type[BaseModel], path: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], dict[str, Any], FieldInfo]]:
+    """Every name of a file or folder: its path, the mapping that it stands in, and its field."""
+    if not isinstance(values, dict):
+        return
+    for name, field in model.model_fields.items():
+        section = section_of(field)
+        if section is not None:
+            yield from _named_files(values.get(name), section, (*path, name))
+        elif holds_file(field) and isinstance(values.get(name), str):
+            yield (*path, name), values, field
+
+
+def _kind_of_file(field: FieldInfo) -> str:
+    """What the file should be, as its field says."""
+    extra = field.json_schema_extra
+    return str(extra["allowed"]) if isinstance(extra, dict) and "allowed" in extra else _FILE
 
 
 def _is_readable_file(file: Path) -> bool:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from autonomy.config.types import FOLDER
+from autonomy.config.types import FOLDER, SECRET
 
 _UNITS = {"_mps": "m/s", "_hz": "Hz", "_deg": "degrees", "_s": "s", "_m": "m"}
 _KINDS: dict[Any, str] = {int: "a whole number", float: "a number", str: "text", Path: "the name of a file"}
@@ -69,6 +69,11 @@ def holds_file(field: FieldInfo) -> bool:
 def holds_folder(field: FieldInfo) -> bool:
     """Whether text at this key is the name of a folder, which need not be there yet."""
     return FOLDER in [*field.metadata, *_leaves(field.annotation)]
+
+
+def holds_secret(field: FieldInfo) -> bool:
+    """Whether text at this key is the name of a file that only its owner may read."""
+    return SECRET in [*field.metadata, *_leaves(field.annotation)]
 
 
 def unit(field: FieldInfo, name: str) -> str:

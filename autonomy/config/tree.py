@@ -23,7 +23,9 @@ from autonomy.config.types import (
     Locator,
     NonNegative,
     Positive,
+    SecretPath,
 )
+from autonomy.endpoints import is_encrypted
 
 LEAST_CHOSEN_CAPACITY = 50
 """Fewer basis vectors are never chosen where `model.capacity` leaves the choice."""
@@ -82,6 +84,22 @@ class VehicleSection(Section):
     )
 
 
+class SigningSection(Section):
+    """MAVLink 2 signing: with a key, nothing is accepted on the link that is not signed with it."""
+
+    key_file: SecretPath | None = Field(
+        default=None,
+        description="file with the key that all on the link share; only its owner may read it; null: nothing is "
+        "signed, and all is accepted",
+    )
+    form: Literal["passphrase", "key"] = Field(
+        default="passphrase",
+        description="what the file holds: a passphrase as it is typed into ground stations, whose SHA-256 is the key, "
+        "or the key itself, 32 bytes or 64 hexadecimal digits",
+    )
+    link_id: int = Field(default=0, ge=0, le=255, description="link id in the packets that are sent")
+
+
 class MavlinkSection(Section):
     """The link to the autopilot."""
 
@@ -112,6 +130,7 @@ class MavlinkSection(Section):
     link_timeout_s: Positive = Field(
         default=5.0, description="silence of the autopilot after which the link counts as lost"
     )
+    signing: SigningSection = SigningSection()
 
 
 class AuthoritySection(Section):
@@ -537,6 +556,43 @@ class PlanningSection(Section):
             yield Conflict(("spots", "lattice"), what, "planning.spots < product of planning.lattice")
 
 
+_PEM = "the name of a file in PEM form, or null"
+
+
+class TlsSection(Section):
+    """Certificates for the routers that are dialled by tls/… or quic/…; other locators have no use for them."""
+
+    root_ca: FilePath | None = Field(
+        default=None,
+        description="certificate of the authority that the routers' certificates come from; null: those that browsers "
+        "trust",
+        json_schema_extra={"allowed": _PEM},
+    )
+    certificate: FilePath | None = Field(
+        default=None,
+        description="certificate that the vessel shows to the routers; its common name is what their access control "
+        "goes by",
+        json_schema_extra={"allowed": _PEM},
+    )
+    private_key: SecretPath | None = Field(
+        default=None,
+        description="private key of that certificate; only its owner may read it",
+        json_schema_extra={"allowed": _PEM},
+    )
+    verify_name: bool = Field(
+        default=True, description="whether a router's certificate must be for the host that is dialled"
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """A certificate is of no use without its key, nor a key without its certificate."""
+        if (self.certificate is None) != (self.private_key is None):
+            missing, given = ("certificate", "private_key")
+            if self.private_key is None:
+                missing, given = given, missing
+            what = f"is missing while shore.tls.{given} is given"
+            yield Conflict((missing, given), what, "both certificate and private_key, or neither")
+
+
 class ShoreSection(Section):
     """zenoh: the routers ashore that the vessel dials, and how often it publishes."""
 
@@ -549,6 +605,15 @@ class ShoreSection(Section):
         default=2.0, description="shortest time between two snapshots of the model"
     )
     health_period_s: Positive = Field(default=1.0, description="time between two reports of health")
+    tls: TlsSection = TlsSection()
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Certificates protect nothing on a way that does not use them."""
+        if self.tls.certificate is not None and not any(map(is_encrypted, self.connect)):
+            what = "is of no use: no locator in shore.connect begins with tls/ or quic/"
+            yield Conflict(
+                ("tls.certificate", "connect"), what, "locators such as tls/shore.example.org:7447"
+            )
 
 
 class JournalSection(Section):

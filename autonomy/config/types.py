@@ -19,6 +19,8 @@ AREA_FORMS = (
 )
 FOLDER = "folder"
 """Marks the name of a folder, which need not be there yet."""
+SECRET = "secret"
+"""Marks the name of a file that only its owner may read."""
 _MAXIMUM_SPAN_DEG = 20.0
 
 
@@ -89,6 +91,7 @@ Limit = Annotated[float, Field(gt=0)]
 # The tree is strict (no text for numbers, no 1 for true), but YAML has neither tuples nor paths.
 FilePath = Annotated[Path, Field(strict=False)]
 FolderPath = Annotated[Path, Field(strict=False), FOLDER]
+SecretPath = Annotated[Path, Field(strict=False), SECRET]
 Corner = Annotated[tuple[Latitude, Longitude], Field(strict=False)]
 Corners = Annotated[list[Corner], Field(strict=False), AfterValidator(_simple_polygon)]
 Locator = Annotated[str, AfterValidator(_locator)]
