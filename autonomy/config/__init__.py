@@ -157,7 +157,7 @@ def _resolve_files(document: Document, environment: Mapping[str, str]) -> Iterat
             except PrivateFileError as error:
                 yield Problem(origin, dotted(path), str(error), "a file that only its owner may read")
         elif not holds_folder(field) and not _is_readable_file(file):
-            yield Problem(origin, dotted(path), f"no readable file {str(file)!a}", _kind_of_file(field))
+            yield Problem(origin, dotted(path), f"no readable file {str(file)!a}", _FILE)
 
 
 def _named_files(
@@ -172,12 +172,6 @@ def _named_files(
             yield from _named_files(values.get(name), section, (*path, name))
         elif holds_file(field) and isinstance(values.get(name), str):
             yield (*path, name), values, field
-
-
-def _kind_of_file(field: FieldInfo) -> str:
-    """What the file should be, as its field says."""
-    extra = field.json_schema_extra
-    return str(extra["allowed"]) if isinstance(extra, dict) and "allowed" in extra else _FILE
 
 
 def _is_readable_file(file: Path) -> bool:
