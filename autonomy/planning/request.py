@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from autonomy.geometry import FloatArray
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.history import HistoryCells
+from autonomy.learning.roughness import RoughnessReadings
 
 
 def _nothing() -> FloatArray:
@@ -31,11 +32,13 @@ class PlanRequest:
             start. Empty: none.
         remainder_is_spot: shape (k,), bool, which of them are sampling spots.
         measured: cells of readings taken so far, for planners that count what is covered; None: nothing yet.
+        roughness: how variable the readings were, here and there, in the model's units; None: nothing learnt.
         budget_m: metres that may still be sailed from the start, the way home included if `home_m` is given;
             None: no end.
         home_m: shape (2,), where the route must be able to end within the budget; None: it may end anywhere.
         sample_spacing_m: distance between readings along the way; 0: as dense as it matters.
         speed_mps: speed over ground, for planners that think of a moving field.
+        model_version: how many readings the model knows; None: none, so that its scale is a guess.
     """
 
     model: FieldModel
@@ -52,3 +55,5 @@ class PlanRequest:
     home_m: FloatArray | None = None
     sample_spacing_m: float = 0.0
     speed_mps: float = 1.5
+    model_version: int | None = None
+    roughness: RoughnessReadings | None = None

@@ -1,0 +1,146 @@
+"""Whole routes that spend a budget where the field is rough, readings all along the way."""
+
+import numpy as np
+
+from autonomy.geometry import FloatArray
+from autonomy.learning.roughness import local_roughness
+from autonomy.planning.assembly import start_of, verify
+from autonomy.planning.plan import Plan
+from autonomy.planning.request import PlanRequest
+from autonomy.planning.route_candidates import Draft, Drafting, route_of
+from autonomy.planning.route_search import Found, RouteSearch
+from autonomy.planning.survey import SurveyArea
+from autonomy.planning.water_lattice import WaterLattice, shore_distance, water_lattice_of
+from autonomy.planning.weighted_variance import NOISE, WeightedVariance, conditioned, planning_covariance
+
+NAME = "route"
+
+_ROUNDS = 60
+_READINGS_PER_SIDE = 50
+"""Readings along the way where the request does not say how dense they are, and never denser."""
+_HORIZON = 6.0
+"""Of the side: how far a plan looks if there is no end."""
+_SATURATED = 4.0
+"""More readings in one cell than this say nothing new about the water around it."""
+
+
+def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
+    """The route within the budget whose readings leave the least roughness-weighted variance over the water.
+
+    The search begins with what is left of the previous plan, or with lawnmowers in two directions if there is
+    none; the best of what comes of them is taken.
+
+    Raises:
+        PlanningError: no water can be reached, the budget is too short to go anywhere (or home), or a leg of the
+            finished route is not over navigable water.
+    """
+    problem = _Problem(request, survey)
+    drafts = problem.drafts()
+    rounds = _ROUNDS if request.iterations is None else request.iterations
+    found = [problem.searched(draft, -(-rounds // len(drafts)), k) for k, draft in enumerate(drafts)]
+    order = sorted(range(len(drafts)), key=lambda k: found[k].objective)
+    best = order[0]
+    route = problem.route(drafts[best], found[best])
+    verify(problem.start_m, route, survey)
+    return Plan(
+        problem.start_m,
+        route,
+        np.ones(len(route), dtype=bool),
+        0.0,
+        NAME,
+        request.reason,
+        objective_before=problem.before,
+        objective_after=found[best].objective,
+        rejected=tuple((drafts[k].name, found[k].objective) for k in order[1:]),
+    )
+
+
+class _Problem:
+    """What all candidates of one request share."""
+
+    def __init__(self, request: PlanRequest, survey: SurveyArea) -> None:
+        self.request, self.survey = request, survey
+        self.start_m = start_of(request)
+        self.lattice = water_lattice_of(survey)
+        side_m = self.lattice.side_m
+        self.budget_m = _HORIZON * side_m if request.budget_m is None else float(request.budget_m)
+        self.spacing_m = max(request.sample_spacing_m, side_m / _READINGS_PER_SIDE)
+        self.before: float | None = None
+        home = None if request.home_m is None else np.asarray(request.home_m, dtype=float).reshape(2)
+        self.drafting = Drafting(survey, self.lattice, self.start_m, self.budget_m, home)
+        self._weights = weights(request, survey, self.lattice)
+        self._K = planning_covariance(self.lattice.points_m / side_m)
+        self._measured = _measured(request, self.lattice)
+
+    def drafts(self) -> list[Draft]:
+        """Where searches begin; at least one."""
+        remainder = np.asarray(self.request.remainder_m, dtype=float).reshape(-1, 2)
+        if len(remainder):
+            return [self.drafting.along("remainder", remainder)]
+        return self.drafting.sweeps() or [self.drafting.direct()]
+
+    def searched(self, draft: Draft, rounds: int, number: int) -> Found:
+        """The best route that `rounds` of search from a draft lead to."""
+        objective = WeightedVariance(conditioned(self._K, self._precision(draft, draft.chain)), self._weights)
+        if draft.name == "remainder":
+            self.before = objective.value
+        search = RouteSearch(
+            self.lattice,
+            objective,
+            draft.chain,
+            self.budget_m - draft.fixed_m,
+            self.spacing_m,
+            self.request.home_m is not None,
+            self.request.seed + 7919 * number,
+        )
+        found = search.run(rounds)
+        return self._cut(draft) if found is None else found
+
+    def route(self, draft: Draft, found: Found) -> FloatArray:
+        """Corners of the whole route; without the first cell, if what follows it can be seen from the start."""
+        route = route_of(self.lattice, draft, found.chain)
+        if len(draft.head_m) == 2 and len(route) > 1 and self.survey.is_navigable(self.start_m)[0]:
+            return route[1:] if self.survey.leg_is_clear(self.start_m, route[1]) else route
+        return route
+
+    def _cut(self, draft: Draft) -> Found:
+        """The draft itself, cut to the budget."""
+        chain = self.drafting.fitted(draft).chain
+        legs = self.lattice.leg_number[list(chain[:-1]), list(chain[1:])]
+        S = conditioned(self._K, self._precision(draft, chain))
+        length_m = float(self.lattice.leg_length_m[legs].sum())
+        return Found(chain, length_m, float(self._weights @ np.diagonal(S)))
+
+    def _precision(self, draft: Draft, chain: tuple[int, ...]) -> FloatArray:
+        readings = self.lattice.readings_along(draft.head_m, self.spacing_m)
+        if len(draft.tail_m) > 1:
+            readings += self.lattice.readings_along(draft.tail_m, self.spacing_m)
+        return (self._measured + readings + self.lattice.readings(chain, self.spacing_m)) / NOISE
+
+
+def weights(request: PlanRequest, survey: SurveyArea, lattice: WaterLattice) -> FloatArray:
+    """Expected local variance of each cell, shape (N,), sum 1: where the field is rough or may well be, an error
+    counts more.
+    """
+    readings = request.roughness
+    places = np.empty((0, 2)) if readings is None else readings.points_m
+    mean, variance = local_roughness(
+        readings,
+        request.model.kernel.noise_variance,
+        shore_distance(survey, places),
+        lattice.points_m,
+        lattice.shore,
+        lattice.side_m,
+    )
+    logarithm = mean + 0.5 * variance
+    weight = np.exp(logarithm - logarithm.max())
+    return np.asarray(weight / weight.sum())
+
+
+def _measured(request: PlanRequest, lattice: WaterLattice) -> FloatArray:
+    """Readings taken in each cell so far, shape (N,)."""
+    cells = request.measured
+    if cells is None or not len(cells):
+        return np.zeros(len(lattice))
+    count = np.bincount(lattice.cells_at(cells.points[:, :2]), cells.counts, len(lattice))
+    return np.minimum(count, _SATURATED)
