@@ -6,11 +6,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from autonomy.geometry import FloatArray
+from autonomy.geometry import FloatArray, advance_along, path_length_m
 from autonomy.planning.errors import PlanningError
+from autonomy.planning.information import measurement_covariance, mutual_information
 from autonomy.planning.passage import Passage, Ways
 from autonomy.planning.request import PlanRequest
 from autonomy.planning.survey import SurveyArea
+
+_CUTS = 12
+"""Bisections for where to cut a route."""
+
+_ROUND_OFF_M = 1e-3
 
 
 def start_of(request: PlanRequest) -> FloatArray:
@@ -52,6 +58,66 @@ def assemble(ways: Ways, order: Sequence[int]) -> tuple[FloatArray, NDArray[np.b
         corners.append(leg)
         marks.append(np.arange(len(leg)) == len(leg) - 1)
     return np.concatenate(corners), np.concatenate(marks)
+
+
+def way_home_m(request: PlanRequest, point_m: ArrayLike, passage: Passage) -> float:
+    """Metres over water from a point to the request's home; 0 if it has none.
+
+    Raises:
+        Unreachable: there is no way.
+    """
+    if request.home_m is None:
+        return 0.0
+    return path_length_m(passage.path(point_m, np.asarray(request.home_m, dtype=float).reshape(2)))
+
+
+def affordable(
+    request: PlanRequest, route_m: FloatArray, is_spot: NDArray[np.bool_], passage: Passage
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """As much of a route, corners (k, 2) without the start, as the request's budget allows, the way home kept.
+
+    Where it is cut it ends in a spot.
+
+    Raises:
+        PlanningError: the way home alone is longer than the budget.
+        Unreachable: there is no way home.
+    """
+    start, budget = start_of(request), request.budget_m
+    whole = np.concatenate([start[None], route_m])
+    length = path_length_m(whole)
+    if budget is None or length + way_home_m(request, whole[-1], passage) <= budget:
+        return route_m, is_spot
+    home = way_home_m(request, start, passage)
+    if home > budget:
+        raise PlanningError(
+            f"the way home is {home:.0f} m long, more than the {budget:.0f} m that may be sailed"
+        )
+    # Sailing on never shortens what has been sailed plus the way home: it is at most as much shorter.
+    low, high = 0.0, min(length, budget)
+    usable = budget - _ROUND_OFF_M
+    for _ in range(_CUTS):
+        middle = 0.5 * (low + high)
+        fits = middle + way_home_m(request, advance_along(whole, middle), passage) <= usable
+        low, high = (middle, high) if fits else (low, middle)
+    sailed = np.cumsum(np.hypot(*np.diff(whole, axis=0).T))
+    kept = np.count_nonzero(sailed < low)
+    cut = np.concatenate([route_m[:kept], advance_along(whole, low)[None]])
+    return cut, np.concatenate([is_spot[:kept], [True]])
+
+
+def information_of_spots(request: PlanRequest, spots_m: FloatArray, sites_m: FloatArray) -> float:
+    """True mutual information of measurements at spots (n, 2) with those at the candidate sites (N, 2), in nats.
+
+    For planners whose spots are not candidate sites.
+
+    Raises:
+        PlanningError: the model's covariance is unusable.
+    """
+    try:
+        S = measurement_covariance(request.model, np.concatenate([spots_m, sites_m]))
+        return mutual_information(S, range(len(spots_m)))
+    except ValueError as error:
+        raise PlanningError(f"the model's covariance cannot be planned with: {error}") from error
 
 
 def verify(start_m: ArrayLike, route_m: ArrayLike, survey: SurveyArea) -> None:
