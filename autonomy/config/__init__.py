@@ -19,6 +19,7 @@ from autonomy.config.translate import translate
 from autonomy.config.tree import (
     LARGEST_CAPACITY,
     LEAST_CHOSEN_CAPACITY,
+    BudgetSection,
     Candidate,
     CheckpointSection,
     Configuration,
@@ -44,6 +45,7 @@ from autonomy.config.tree import (
 __all__ = [
     "LARGEST_CAPACITY",
     "LEAST_CHOSEN_CAPACITY",
+    "BudgetSection",
     "Candidate",
     "CheckpointSection",
     "Configuration",

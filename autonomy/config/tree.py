@@ -14,6 +14,7 @@ from autonomy.config.types import (
     LOCATOR_FORMS,
     Area,
     Bound,
+    Corner,
     Endpoint,
     FilePath,
     Finite,
@@ -593,6 +594,79 @@ class TlsSection(Section):
             yield Conflict((missing, given), what, "both certificate and private_key, or neither")
 
 
+class BudgetSection(Section):
+    """How far, how long and on what charge the boat may sail, the way home included; see docs/budget.md."""
+
+    distance_m: Positive | None = Field(
+        default=None, description="most that may be sailed over ground; null for no limit"
+    )
+    duration_s: Positive | None = Field(
+        default=None,
+        description="longest model time from the start until the boat is home; null for no limit",
+    )
+    energy_wh: Positive | None = Field(
+        default=None,
+        description="energy of the full battery, of which what it holds at the start may be drawn; null for no limit",
+        json_schema_extra={"unit": "Wh"},
+    )
+    consumption_j_per_m: Positive | None = Field(
+        default=None,
+        description="energy per metre over ground, a guess until enough has been measured; needed with "
+        "energy_wh (1 Wh/km is 3.6 J/m)",
+        json_schema_extra={"unit": "J/m"},
+    )
+    speed_mps: Positive = Field(
+        default=1.5, description="speed over ground, a guess until it has been measured"
+    )
+    reserve: float = Field(
+        default=0.1,
+        ge=0,
+        lt=1,
+        allow_inf_nan=False,
+        description="what is left of each limit when the boat is home, a reserve that no plan spends",
+        json_schema_extra={"unit": "of the limit"},
+    )
+    home_margin: float = Field(
+        default=1.2,
+        ge=1,
+        le=3,
+        allow_inf_nan=False,
+        description="no leg is begun unless the way home from its end could be paid this many times after it; with half "
+        "of this margin the boat turns back (stage low), without any it is critical",
+    )
+    low_battery: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] | None = Field(
+        default=None,
+        description="charge at which the boat turns back wherever it is; null: none",
+        json_schema_extra={"unit": "of the full charge"},
+    )
+    critical_battery: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] | None = Field(
+        default=None,
+        description="charge that is critical: the boat is to come home as fast as it can; null: none",
+        json_schema_extra={"unit": "of the full charge"},
+    )
+    home: Corner | None = Field(
+        default=None,
+        description="where the survey ends; null: the autopilot's home position, or where the survey began",
+        json_schema_extra={"unit": "degrees", "allowed": "[latitude, longitude], or null"},
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Energy must be known by the metre; what is critical is also low."""
+        if self.energy_wh is not None and self.consumption_j_per_m is None:
+            what = (
+                "needs budget.consumption_j_per_m: nothing tells how far it goes until that has been measured"
+            )
+            yield Conflict(
+                ("energy_wh", "consumption_j_per_m"), what, "a guess at budget.consumption_j_per_m"
+            )
+        low, critical = self.low_battery, self.critical_battery
+        if low is not None and critical is not None and critical > low:
+            what = f"must be at most budget.low_battery ({low:g}) (got {critical:g})"
+            yield Conflict(
+                ("critical_battery", "low_battery"), what, "budget.critical_battery <= budget.low_battery"
+            )
+
+
 class ShoreSection(Section):
     """zenoh: the routers ashore that the vessel dials, and how often it publishes."""
 
@@ -699,6 +773,7 @@ class Configuration(Section):
     estimation: EstimationSection = EstimationSection()
     exploration: ExplorationSection = ExplorationSection()
     planning: PlanningSection = PlanningSection()
+    budget: BudgetSection = BudgetSection()
     shore: ShoreSection = ShoreSection()
     journal: JournalSection = JournalSection()
     checkpoint: CheckpointSection = CheckpointSection()

@@ -28,6 +28,7 @@ class Plan:
         rejected: names and objectives of the candidates that lost to this plan, the best first.
         seed: what the planner drew its random choices from; None: not recorded.
         model_version: how many readings the model knew that was planned with; None: not recorded.
+        home_corners: so many corners at the route's end are the way home; 0: it ends somewhere at sea.
     """
 
     start_m: FloatArray
@@ -43,6 +44,7 @@ class Plan:
     rejected: tuple[tuple[str, float], ...] = ()
     seed: int | None = None
     model_version: int | None = None
+    home_corners: int = 0
 
     @property
     def spots_m(self) -> FloatArray:
