@@ -5,7 +5,7 @@ from typing import Any
 
 from autonomy.learning.rebuild import Reestimate, ReestimateRequest, reestimate
 from autonomy.planning.plan import Plan
-from autonomy.planning.planners import PLANNERS, PlanningError, PlanRequest
+from autonomy.planning.planners import PlanningError, PlanRequest, make_plan
 from autonomy.planning.restrictions import UNRESTRICTED, Restrictions, restricted
 from autonomy.planning.survey import SurveyArea, SurveyError
 
@@ -49,7 +49,7 @@ def explore(request: ExploreRequest, survey: SurveyArea) -> ExploreResult:
         problem = replace(problem, model=estimate.gp.model())
     try:
         water = restricted(survey, request.restrictions)
-        return ExploreResult(estimate, PLANNERS[request.planner](problem, water), None)
+        return ExploreResult(estimate, make_plan(request.planner, problem, water), None)
     except (PlanningError, SurveyError) as error:
         return ExploreResult(estimate, None, str(error))
 
