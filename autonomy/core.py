@@ -12,6 +12,7 @@ from typing import Any
 
 from autonomy import jobs
 from autonomy.config import Configuration
+from autonomy.course import Course
 from autonomy.effects import Effect, Level, SendMessage, StartJob
 from autonomy.events import Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived, StopRequested
 from autonomy.exploration import Decision, Exploration, Figures, Trigger
@@ -35,20 +36,11 @@ from autonomy.seaway import Seaway
 JOB_RETRY_S = 5.0
 """Pause after a job without a plan, doubled with every further one up to 32 times as long."""
 
-LEG_WATCH_S = 0.2
-"""How often the leg being sailed is held against the land; a check takes microseconds."""
-
-LEG_ALARM_S = 30.0
-"""Pause between two alarms about land before the vessel that can't be sailed round."""
-
 SILENT_SENSOR_S = 30.0
 """A survey without readings for this long is told to be one."""
 
 STALE_PLAN_S = 60.0
 """A plan that waited this long for a service that was away is made anew from where the vessel is."""
-
-UPLOAD_S = 0.3
-"""Protocol time from a finished plan to the vessel following it, on a good link."""
 
 
 class State(Enum):
@@ -92,13 +84,13 @@ class Core:
         self._repairs_told = 0
         self._exploration = Exploration(configuration.exploration)
         self._reporter = Reporter(configuration, survey, self._helm.telemetry, self._learner)
+        self._course = Course(configuration, self._helm, self._seaway, self._reporter)
         self._effects: list[Effect] = []
         self._job: _Job | None = None
         self._jobs_started = 0
         self._failed_in_a_row = 0
         self._plan_not_before = 0.0
         self._owed: Decision | None = None
-        self._planning_s = 1.0
         self._plans = 0
         self._state = State.WAITING_FOR_VEHICLE
         self._reason = "nothing heard from the autopilot yet"
@@ -107,7 +99,6 @@ class Core:
         self._stopping = False
         self._now = 0.0
         self._ahead_s = 0.0
-        self._leg_watch_due = 0.0
         self._explained: set[str] = set()
         self._heard_reading = -math.inf
         self._exploring_since = math.inf
@@ -226,7 +217,7 @@ class Core:
         if job is None or job.job_id != job_id:
             return
         self._job = None
-        self._planning_s += 0.5 * (now - job.started - self._planning_s)
+        self._course.took(now - job.started, reestimated=job.decision.reestimate)
         self._owed = replace(job.decision, reestimate=False)
         if result.reestimate is not None:
             self._learner.adopt(result.reestimate)
@@ -241,10 +232,12 @@ class Core:
             self._reporter.log(
                 Level.INFO, "the new plan is dropped: part of its water has been closed meanwhile"
             )
-        elif self._is_wanted():
-            self._adopt(now, result.plan)
-        else:
+        elif not self._is_wanted():
             self._reporter.log(Level.INFO, f"the new plan is dropped: {self._reason}")
+        elif self._course.keeps(result.plan, job.decision.trigger):
+            self._failed_in_a_row, self._owed = 0, None
+        else:
+            self._adopt(now, result.plan)
 
     def _is_wanted(self) -> bool:
         """Whether a plan that is ready now may still be brought on board, or may be once the mission there is read."""
@@ -254,13 +247,13 @@ class Core:
 
     def _adopt(self, now: float, plan: Plan) -> None:
         try:
-            plan = self._seaway.joined(plan, self._helm.position_m)
+            plan = self._course.joined(plan)
         except Unreachable as error:
             self._postpone(now, f"the new plan can't be joined: {error}")
             return
         self._failed_in_a_row, self._owed = 0, None
         self._plans += 1
-        self._helm.offer(plan)
+        self._course.offer(now, plan)
         self._reporter.planned(plan, self._plans)
         self._send(self._helm.say(f"halocline: plan {self._plans}, {plan.length_m / 1e3:.1f} km"))
 
@@ -298,7 +291,7 @@ class Core:
             self._postpone(now, f"the plan is given up: {refusal}")
         self._watch_water()
         self._look(now)
-        self._watch_leg(now)
+        self._course.watch(now)
         decision = self._decide(now)
         if decision is not None:
             self._start(now, decision)
@@ -341,25 +334,6 @@ class Core:
         """A new plan is wanted as soon as one can be made."""
         self._owed = Decision(trigger, False, trigger.value)
         self._plan_not_before = 0.0
-
-    def _watch_leg(self, now: float) -> None:
-        """A mission is sailed from wherever the vessel is when it takes it up: see that no land lies in between."""
-        if not self._helm.sailing_ours or self._helm.dispatch.busy or now < self._leg_watch_due:
-            return
-        self._leg_watch_due = now + LEG_WATCH_S
-        active, route = self._helm.dispatch.active, self._helm.remaining_route_m()
-        if active is None or len(route) < 2 or self._seaway.water.approach_is_clear(route[0], route[1]):
-            return
-        rest = replace(active.plan, route_m=route[1:], is_spot=active.plan.is_spot[1 - len(route) :])
-        try:
-            self._helm.offer(self._seaway.joined(rest, self._helm.position_m))
-        except Unreachable as error:
-            self._leg_watch_due = now + LEG_ALARM_S
-            self._reporter.log(
-                Level.ERROR, f"land lies before the vessel, and there is no way round: {error}"
-            )
-        else:
-            self._reporter.log(Level.WARNING, "land lies before the vessel: the mission goes round it")
 
     def _look(self, now: float) -> None:
         """What we are doing, and why; said once when it changes."""
@@ -430,13 +404,21 @@ class Core:
         elif decision.trigger is Trigger.PATH_FINISHED:
             # In the paper every new path begins with rho = 0, re-estimate or not.
             self._learner.mark()
+        departure = self._course.begin(reestimates=decision.reestimate)
         plan = PlanRequest(
             model=self._learner.model(self._helm.model_time_s),
-            start_m=self._helm.expected_point_m(self._planning_s + UPLOAD_S),
+            start_m=departure.start_m,
             spots=configuration.planning.spots,
             lattice=configuration.planning.lattice,
             reason=decision.reason,
             seed=seed,
+            iterations=configuration.planning.iterations,
+            remainder_m=departure.remainder_m,
+            remainder_is_spot=departure.remainder_is_spot,
+            measured=self._learner.history.cells() if len(self._learner.history) else None,
+            sample_spacing_m=configuration.sampling.spacing_m,
+            speed_mps=self._helm.pace_mps,
+            model_version=self._learner.samples if self._learner.born else None,
         )
         self._job = _Job(self._jobs_started, decision, now)
         restrictions = self._seaway.restrictions

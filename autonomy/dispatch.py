@@ -5,7 +5,7 @@ let end. What is on board is read before it is replaced, and again whenever it m
 """
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -39,10 +39,15 @@ Mission = tuple[MissionItem, ...]
 
 @dataclass(frozen=True, eq=False)
 class Dispatched:
-    """A plan and the mission items that carry it out."""
+    """A plan and the mission items that carry it out, or its first stretch: item k is corner k of the plan."""
 
     plan: Plan
     items: Mission
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the items reach to the plan's end."""
+        return len(self.items) >= len(self.plan.route_m)
 
 
 class MissionDispatch:
@@ -56,7 +61,8 @@ class MissionDispatch:
         a transfer       of the waiting plan, if it is allowed; only its last step, if the plan is on board already
 
     After a failed transfer the plan waits again, for a pause that doubles from 2 s to 60 s. It is dropped when the
-    vehicle refuses it, or after five failures in a row; `take_refusal` tells once.
+    vehicle refuses it, or after five failures in a row; `take_refusal` tells once. If it is refused because it is too
+    long, its first half is sent, and nothing longer from then on.
     """
 
     def __init__(self, authority: Authority) -> None:
@@ -71,6 +77,7 @@ class MissionDispatch:
         self._machine: MissionTransfer | MissionDownload | None = None
         self._on_board: Mission | None = None
         self._interrupted: deque[Mission] = deque(maxlen=_REMEMBERED_INTERRUPTED)
+        self._room: int | None = None
         self._not_before = 0.0
         self._stepped = 0.0
         self._failures = 0
@@ -99,7 +106,7 @@ class MissionDispatch:
 
     def offer(self, dispatched: Dispatched) -> None:
         """Make this the plan to bring on board next; an older waiting one is dropped."""
-        self._waiting, self._looked = dispatched, False
+        self._waiting, self._looked = self._fitted(dispatched), False
         self._failures, self._restart = 0, False
         self.milestones += 1
 
@@ -266,8 +273,21 @@ class MissionDispatch:
             self._pause(now, 1)
             return
         # Whatever of it is on board: it is not being sailed, so it is sent again.
-        self._waiting, self._looked = sent, False
+        self._looked = False
+        if failure.no_space and len(sent.items) > 1:
+            self._room = len(sent.items) // 2
+            self._waiting = self._fitted(sent)
+            self._note(f"the autopilot has no room for {len(sent.items)} waypoints: {self._room} are sent")
+            self._pause(now, 1)
+            return
+        self._waiting = sent
         self._count_failure(now, failure.reason, permanent=failure.permanent)
+
+    def _fitted(self, dispatched: Dispatched) -> Dispatched:
+        """As much of it as the autopilot has room for, as far as that is known."""
+        if self._room is None or len(dispatched.items) <= self._room:
+            return dispatched
+        return replace(dispatched, items=dispatched.items[: self._room])
 
     def _count_failure(self, now: float, reason: str, *, permanent: bool = False) -> None:
         """The waiting plan did not come on board: try again after a pause, or give it up."""

@@ -6,16 +6,18 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autonomy.compiler import compile_mission, handling_of
 from autonomy.config import Configuration
 from autonomy.dispatch import Dispatched, MissionDispatch
-from autonomy.geometry import FloatArray, LocalFrame, advance_along
+from autonomy.geometry import FloatArray, LocalFrame
 from autonomy.mavlink.authority import RTL, SMART_RTL, Authority, OnBoard, unsupported
 from autonomy.mavlink.companion import StreamRequests, heartbeat, status_text, wanted_streams
-from autonomy.mavlink.mission import Route, time_scale, waypoint
+from autonomy.mavlink.mission import Route, time_scale
 from autonomy.mavlink.safeguards import NOT_READ, Safeguards, SafeguardsReading
 from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
 from autonomy.notes import AutopilotWords, Note
 from autonomy.orders import Orders
+from autonomy.pace import Pace
 from autonomy.planning.plan import Plan
 from autonomy.progress import Progress
 from autonomy.stall import ClosingWatch, StallWatch
@@ -58,6 +60,7 @@ class Helm:
     """Everything said to and heard from the autopilot, above the protocol machines."""
 
     def __init__(self, configuration: Configuration, frame: LocalFrame) -> None:
+        self._configuration = configuration
         self._mavlink = configuration.mavlink
         self._frame = frame
         self.telemetry = Telemetry(
@@ -69,6 +72,7 @@ class Helm:
         self.authority = _authority(configuration)
         self.dispatch = MissionDispatch(self.authority)
         self._track = Track()
+        self._pace = Pace()
         self._streams: StreamRequests | None = None
         self._heartbeat_due = 0.0
         self._conversing = False
@@ -132,7 +136,7 @@ class Helm:
         active = self.dispatch.active
         if self.state is None or active is None or not self.sailing_ours or self.dispatch.busy:
             return False
-        return self._progress.is_complete or self.dispatch.reached >= len(active.items)
+        return active.is_whole and (self._progress.is_complete or self.dispatch.reached >= len(active.items))
 
     def remaining_route_m(self) -> FloatArray:
         """From the vessel along the mission it sails, shape (k, 2); the vessel alone when it sails none of ours.
@@ -145,22 +149,39 @@ class Helm:
         here = self.position_m.reshape(1, 2)
         if self.state is None or self.dispatch.active is None or not self.sailing_ours:
             return here
-        # Item 0 is home, so waypoint k of the mission is row k - 1 of the route.
-        return np.vstack(
-            [here, self.dispatch.active.plan.route_m[max(0, (self.state.mission_current or 1) - 1) :]]
-        )
+        return np.vstack([here, self.dispatch.active.plan.route_m[self.next_row :]])
 
-    def expected_point_m(self, delay_s: float) -> FloatArray:
-        """Where the vessel will be after `delay_s` of protocol time, shape (2,), if it keeps to its mission."""
+    @property
+    def next_row(self) -> int:
+        """Row of the active plan's route that the vessel makes for, as far as it is known; 0 without a plan."""
+        active, state = self.dispatch.active, self.state
+        if active is None or state is None:
+            return 0
+        # Item 0 is home, so waypoint k of the mission is row k - 1 of the route.
+        current = max(0, (state.mission_current or 1) - 1) if self.sailing_ours else 0
+        # At the end of a stretch the last item stays the current one.
+        return max(current, self.dispatch.reached)
+
+    def reach_m(self, delay_s: float) -> float:
+        """How far the vessel sails in `delay_s` of protocol time, at its speed of the moment."""
         speed_mps = 0.0 if self.state is None else self.state.groundspeed_mps or 0.0
-        return advance_along(self.remaining_route_m(), speed_mps * delay_s * self.telemetry.clock_rate)
+        return speed_mps * delay_s * self.telemetry.clock_rate
+
+    @property
+    def pace_mps(self) -> float:
+        """The vessel's speed over ground under way: the mean of the last minutes, at first the configured one."""
+        return self._pace.speed_mps
+
+    @property
+    def acceptance_radius_m(self) -> float:
+        """The largest of the mission being sailed; 0 without one."""
+        active = self.dispatch.active
+        return 0.0 if active is None else max(item.param2 for item in active.items)
 
     def offer(self, plan: Plan) -> None:
-        """Make this plan the next to bring on board."""
-        radius_m = self._mavlink.acceptance_radius_m
-        geodetic = self._frame.to_geodetic(plan.route_m).tolist()
-        items = tuple(waypoint(lat, lon, acceptance_radius_m=radius_m) for lat, lon in geodetic)
-        self.dispatch.offer(Dispatched(plan, items))
+        """Make this plan the next to bring on board, or its first stretch if it is too long for the autopilot."""
+        items = compile_mission(plan, self._frame, handling_of(self._configuration, self.pace_mps))
+        self.dispatch.offer(Dispatched(plan, items[: self._configuration.mavlink.mission_items]))
 
     def say(self, text: str) -> list[Any]:
         """A line to the operator's ground station; returns messages to send."""
@@ -305,14 +326,16 @@ class Helm:
         if not self.sailing_ours or self.path_finished or active is None or self.position_m is None:
             self._stall_watch.rest()
             self._closing.rest()
+            self._pace.rest()
             return
+        self._pace.follow(time_s, state.groundspeed_mps)
         distance_m = float(np.hypot(*(active.plan.route_m[0] - self.position_m)))
-        reached = self.dispatch.reached == 1 or distance_m <= 2.0 * self._mavlink.acceptance_radius_m
+        reached = self.dispatch.reached == 1 or distance_m <= 2.0 * active.items[0].param2
         if self._closing.follow(time_s, distance_m, reached=reached):
             self._doubt(active.plan.route_m[0])
         elif not self._closing.open:
             self._doubts = 0
-        if idle or k >= len(active.plan.route_m):
+        if idle or k >= len(active.items):
             self._stall_watch.rest()
         elif self._stall_watch.follow(time_s, self.position_m, (self._made_current, k)):
             self._stall = Stall(self.position_m, active.plan.route_m[k])

@@ -83,6 +83,14 @@ class VehicleSection(Section):
         description="name of the vehicle; people ashore follow usv/NAME/… on zenoh",
         json_schema_extra={"allowed": "1 to 32 letters, digits, - and _"},
     )
+    turn_rate_deg_s: float = Field(
+        default=20.0,
+        ge=1,
+        le=360,
+        allow_inf_nan=False,
+        description="how quickly the vessel turns at its usual speed",
+        json_schema_extra={"unit": "degrees per second"},
+    )
 
 
 class SigningSection(Section):
@@ -125,8 +133,17 @@ class MavlinkSection(Section):
     position_rate_hz: Positive = Field(
         default=4.0, description="rate at which positions are asked of the autopilot"
     )
-    acceptance_radius_m: Positive = Field(
-        default=5.0, description="distance at which a waypoint counts as reached; sent with each waypoint"
+    acceptance_radius_m: Positive | None = Field(
+        default=None,
+        description="distance at which a waypoint counts as reached; sent with each waypoint; null: what the turn "
+        "there asks for at the vessel's speed and vehicle.turn_rate_deg_s, from 2 m to half of what is kept from "
+        "land and fence",
+    )
+    mission_items: int = Field(
+        default=100,
+        ge=5,
+        le=10_000,
+        description="waypoints sent at once; a longer route goes on board in stretches, without a stop between them",
     )
     link_timeout_s: Positive = Field(
         default=5.0, description="silence of the autopilot after which the link counts as lost"
@@ -544,6 +561,26 @@ class PlanningSection(Section):
         description="candidate sites across the area, to the east and to the north; those on land drop out",
     )
     spots: int = Field(default=20, ge=1, le=200, description="sampling spots on one path")
+    hold_s: float = Field(
+        default=0.0,
+        ge=0,
+        le=3600,
+        allow_inf_nan=False,
+        description="how long the boat stays at each sampling spot; autopilots may take whole seconds only",
+    )
+    minimum_gain: float = Field(
+        default=0.02,
+        ge=0,
+        lt=1,
+        allow_inf_nan=False,
+        description="by how much a new plan must be better than what is left of the present one to change course, "
+        "with planners that can tell",
+        json_schema_extra={"unit": "of the planner's objective"},
+    )
+    iterations: Annotated[int, Field(ge=1, le=1_000_000)] | None = Field(
+        default=None,
+        description="how long a planner that searches may search; null: as long as it finds right",
+    )
     deadline_s: Positive = Field(
         default=120.0,
         description="time after which a re-estimate or a plan is given up and the worker replaced",
@@ -555,43 +592,6 @@ class PlanningSection(Section):
         if self.spots >= sites:
             what = f"must be below the {sites} sites of planning.lattice (got {self.spots})"
             yield Conflict(("spots", "lattice"), what, "planning.spots < product of planning.lattice")
-
-
-_PEM = "the name of a file in PEM form, or null"
-
-
-class TlsSection(Section):
-    """Certificates for the routers that are dialled by tls/… or quic/…; other locators have no use for them."""
-
-    root_ca: FilePath | None = Field(
-        default=None,
-        description="certificate of the authority that the routers' certificates come from; null: those that browsers "
-        "trust",
-        json_schema_extra={"allowed": _PEM},
-    )
-    certificate: FilePath | None = Field(
-        default=None,
-        description="certificate that the vessel shows to the routers; its common name is what their access control "
-        "goes by",
-        json_schema_extra={"allowed": _PEM},
-    )
-    private_key: SecretPath | None = Field(
-        default=None,
-        description="private key of that certificate; only its owner may read it",
-        json_schema_extra={"allowed": _PEM},
-    )
-    verify_name: bool = Field(
-        default=True, description="whether a router's certificate must be for the host that is dialled"
-    )
-
-    def conflicts(self) -> Iterator[Conflict]:
-        """A certificate is of no use without its key, nor a key without its certificate."""
-        if (self.certificate is None) != (self.private_key is None):
-            missing, given = ("certificate", "private_key")
-            if self.private_key is None:
-                missing, given = given, missing
-            what = f"is missing while shore.tls.{given} is given"
-            yield Conflict((missing, given), what, "both certificate and private_key, or neither")
 
 
 class BudgetSection(Section):
@@ -665,6 +665,43 @@ class BudgetSection(Section):
             yield Conflict(
                 ("critical_battery", "low_battery"), what, "budget.critical_battery <= budget.low_battery"
             )
+
+
+_PEM = "the name of a file in PEM form, or null"
+
+
+class TlsSection(Section):
+    """Certificates for the routers that are dialled by tls/… or quic/…; other locators have no use for them."""
+
+    root_ca: FilePath | None = Field(
+        default=None,
+        description="certificate of the authority that the routers' certificates come from; null: those that browsers "
+        "trust",
+        json_schema_extra={"allowed": _PEM},
+    )
+    certificate: FilePath | None = Field(
+        default=None,
+        description="certificate that the vessel shows to the routers; its common name is what their access control "
+        "goes by",
+        json_schema_extra={"allowed": _PEM},
+    )
+    private_key: SecretPath | None = Field(
+        default=None,
+        description="private key of that certificate; only its owner may read it",
+        json_schema_extra={"allowed": _PEM},
+    )
+    verify_name: bool = Field(
+        default=True, description="whether a router's certificate must be for the host that is dialled"
+    )
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """A certificate is of no use without its key, nor a key without its certificate."""
+        if (self.certificate is None) != (self.private_key is None):
+            missing, given = ("certificate", "private_key")
+            if self.private_key is None:
+                missing, given = given, missing
+            what = f"is missing while shore.tls.{given} is given"
+            yield Conflict((missing, given), what, "both certificate and private_key, or neither")
 
 
 class ShoreSection(Section):
@@ -783,7 +820,12 @@ class Configuration(Section):
     )
 
     def conflicts(self) -> Iterator[Conflict]:
-        """A basis that can't grow to its minimum would never re-estimate."""
+        """A basis that can't grow to its minimum would never re-estimate; a boat that holds has not stalled."""
+        stall_s, hold_s = self.exploration.stall_s, self.planning.hold_s
+        if stall_s is not None and hold_s >= stall_s:
+            what = f"must be below exploration.stall_s ({stall_s:g}) (got {hold_s:g})"
+            keys = ("planning.hold_s", "exploration.stall_s")
+            yield Conflict(keys, what, "planning.hold_s < exploration.stall_s")
         minimum, capacity = self.exploration.minimum_basis, self.model.capacity
         keys = ("exploration.minimum_basis", "model.capacity")
         if capacity is not None and capacity < minimum:

@@ -48,13 +48,14 @@ class Failed:
     With `on_board_unknown` the vehicle may hold the old mission, the new one or a mixture of both: read it
     back and send again. Without it the mission on board is still the old one, or, if `on_board` is given,
     verified to be the new one, only not yet being sailed. With `permanent` the vehicle has refused it, and would
-    again.
+    again; with `no_space` because it has so many items.
     """
 
     reason: str
     on_board_unknown: bool
     on_board: tuple[MissionItem, ...] | None = None
     permanent: bool = False
+    no_space: bool = False
 
 
 class Phase(Enum):
@@ -234,7 +235,11 @@ class MissionTransfer:
         verified = self.phase is Phase.MAKING_CURRENT
         touched = self._touched or self._upload.touched
         self.outcome = Failed(
-            reason, touched and not verified, self.items if verified else None, permanent=permanent
+            reason,
+            touched and not verified,
+            self.items if verified else None,
+            permanent=permanent,
+            no_space=self._upload.no_space,
         )
         self.phase = Phase.ENDED
         return []

@@ -89,6 +89,8 @@ class MissionUpload:
         self.reason = ""
         self.refused = False
         """Whether the vehicle will not have this mission, now or later."""
+        self.no_space = False
+        """Whether that is because it has too many items."""
         self._requested = False
         self.contested = False
         """Whether somebody else was found uploading."""
@@ -176,6 +178,7 @@ class MissionUpload:
             return self._back_off(now, result)
         self.touched = self._requested
         self.refused = True
+        self.no_space = result == mavlink.MAV_MISSION_NO_SPACE
         return self._fail("the vehicle refuses the mission: " + _REASONS.get(result, f"result {result}"))
 
     def _back_off(self, now: float, result: int) -> list[Any]:

@@ -13,7 +13,7 @@ from autonomy.mavlink.codec import Codec
 from autonomy.mavlink.mission import Route, waypoint
 from autonomy.mavlink.telemetry import VehicleState
 from autonomy.planning.plan import Plan
-from sim.autopilot import Autopilot, Mode
+from sim.autopilot import Autopilot, Mode, transfer
 from sim.autopilot.missions import MissionItem
 from sim.router import Router
 from sim.vessel import Position, Vessel
@@ -329,7 +329,7 @@ def test_a_mission_that_is_verified_but_not_sailed_is_sent_again(bench):
     assert bench.autopilot.navigator.current == 1
 
 
-@pytest.mark.parametrize("result", [2, 3, 4, 5, 7, 11])
+@pytest.mark.parametrize("result", [2, 3, 5, 7, 11])
 def test_a_plan_that_is_refused_is_given_up_and_said_once(bench, result):
     first = dispatched("first")
     bench.start(first)
@@ -347,6 +347,23 @@ def test_a_plan_that_is_refused_is_given_up_and_said_once(bench, result):
     third = dispatched("third")
     bench.dispatch.offer(third)
     assert bench.advance(10.0, until=lambda: bench.dispatch.active is third)
+
+
+def test_a_plan_that_is_too_long_goes_on_board_in_part_and_so_does_every_other(bench, monkeypatch):
+    monkeypatch.setattr(transfer, "MOST_ITEMS", 12)
+    first, long = dispatched("first"), dispatched("long", 40)
+    bench.start(first)
+    bench.dispatch.offer(long)
+    assert bench.advance(60.0, until=lambda: not bench.dispatch.busy)
+    assert bench.dispatch.take_refusal() is None
+    assert bench.dispatch.active.plan is long.plan
+    assert bench.dispatch.active.items == long.items[:10]  # the half, and again the half, fits
+    assert not bench.dispatch.active.is_whole
+    announced = len(bench.said("MISSION_COUNT"))
+    bench.dispatch.offer(dispatched("longer", 50))
+    assert bench.advance(60.0, until=lambda: not bench.dispatch.busy)
+    assert len(bench.dispatch.active.items) == 10
+    assert len(bench.said("MISSION_COUNT")) == announced + 1
 
 
 def test_a_plan_that_may_not_be_made_current_is_given_up_too(bench):

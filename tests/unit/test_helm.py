@@ -210,17 +210,34 @@ def test_the_rest_of_the_way(boat):
     np.testing.assert_allclose(boat.helm.remaining_route_m(), [(0, 0)], atol=0.05)
 
 
-@pytest.mark.parametrize(
-    ("delay_s", "expected"), [(0.0, (0, 0)), (25.0, (50, 0)), (75.0, (100, 50)), (1e6, (0, 100))]
-)
-def test_the_expected_point_lies_on_the_rest_of_the_way(boat, delay_s, expected):
+def test_how_far_the_boat_gets_meanwhile(boat):
     boat.sails()
-    np.testing.assert_allclose(boat.helm.expected_point_m(delay_s), expected, atol=0.1)
+    assert boat.helm.reach_m(25.0) == pytest.approx(50.0, abs=0.1)
 
 
-def test_a_boat_that_we_do_not_sail_is_expected_where_it_is(boat):
-    boat.sails().beats(HOLD)
-    np.testing.assert_allclose(boat.helm.expected_point_m(100.0), (0.0, 0.0), atol=0.05)
+def test_the_next_corner_is_the_one_after_those_reached(boat):
+    assert boat.helm.next_row == 0
+    boat.sails()
+    assert boat.helm.next_row == 0
+    boat.tells_current(2)
+    boat.reaches(2)  # MISSION_CURRENT 3 is still to come
+    assert boat.helm.next_row == 2
+    boat.beats(HOLD)
+    assert boat.helm.next_row == 2
+
+
+def test_the_pace_is_measured_under_way(boat):
+    boat.sails()
+    usual_mps = boat.helm.pace_mps
+    for second in range(60):
+        boat.is_at(3.0 * second, 0.0, speed_mps=3.0, at_s=boat.now + second)
+    assert usual_mps < boat.helm.pace_mps < 3.0
+    assert boat.helm.pace_mps == pytest.approx(3.0, abs=0.3)
+    pace_mps = boat.helm.pace_mps
+    boat.beats(HOLD)
+    for second in range(60, 120):
+        boat.is_at(180.0, 0.0, speed_mps=0.0, at_s=boat.now + second)
+    assert boat.helm.pace_mps == pace_mps
 
 
 def test_the_path_is_finished_with_its_last_waypoint(boat):

@@ -62,7 +62,7 @@ def test_no_setting_is_remembered(sections: dict[str, Any]) -> None:
     """Or a changed configuration would not be heeded after a restart: name the attribute in `memory.SETTINGS`."""
     before, after = remembered({}), remembered(sections)
     differ = {path for path in before.keys() | after.keys() if before.get(path) != after.get(path)}
-    assert differ <= {"core._helm.authority.command"}  # see Core.restore
+    assert differ <= {"core._course._helm.authority.command"}  # see Core.restore
 
 
 def test_what_can_not_be_remembered_is_told() -> None:

@@ -13,3 +13,15 @@ from autonomy.planning.survey import SurveyArea
 __all__ = ["PLANNERS", "PlanRequest", "PlanningError", "make_plan"]
 
 PLANNERS: dict[str, Callable[[PlanRequest, SurveyArea], Plan]] = {paper.NAME: paper.plan}
+
+
+def make_plan(name: str, request: PlanRequest, survey: SurveyArea) -> Plan:
+    """The plan of the planner called `name`, and with it what it came from and promises: see `Plan`.
+
+    Raises:
+        KeyError: there is no such planner.
+        PlanningError: it finds no plan.
+    """
+    plan = PLANNERS[name](request, survey)
+    rmse = None if request.model_version is None else expected_rmse(plan, request, survey)
+    return replace(plan, seed=request.seed, model_version=request.model_version, expected_rmse=rmse)

@@ -1,0 +1,233 @@
+"""The vessel's course: what is left of the plan it sails, where a new one begins, how the two are joined.
+
+A plan takes time to make and to bring on board, and the vessel sails on meanwhile. So a new plan begins at the
+departure: where the vessel will be by then, as far along its present route as the last plans took. What it sails until
+there is frozen, and what comes after is the remainder, which the new plan replaces if it is worth it.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from autonomy.config import Configuration
+from autonomy.dispatch import Dispatched
+from autonomy.effects import Level
+from autonomy.exploration import Trigger
+from autonomy.geometry import FloatArray, advance_along
+from autonomy.helm import Helm
+from autonomy.planning.passage import Unreachable
+from autonomy.planning.plan import Plan
+from autonomy.reporting import Reporter
+from autonomy.seaway import Seaway
+
+LEG_WATCH_S = 0.2
+"""How often the leg being sailed is held against the land; a check takes microseconds."""
+
+LEG_ALARM_S = 30.0
+"""Pause between two alarms about land before the vessel that can't be sailed round."""
+
+STRETCH_LEAD_S = 120.0
+"""The next stretch of a long route is sent when the present one is sailed to its end in this time."""
+
+STRETCH_LEAD_ITEMS = 2
+"""Or when no more waypoints than this are left of it."""
+
+STRETCH_RETRY_S = 30.0
+"""Pause before a stretch that did not come on board is sent again."""
+
+_FIRST_PLANNING_S = 1.0
+_FIRST_UPLOAD_S = 0.3
+_LONGEST_UPLOAD_S = 30.0
+
+_FOR_GAIN = frozenset({Trigger.NOVELTY, Trigger.OUTGROWN, Trigger.MAXIMUM_INTERVAL})
+"""Reasons to plan anew that leave the present plan as good as it was: only a better one is worth a change of course."""
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """Where a new plan begins, and what it would replace.
+
+    Attributes:
+        start_m: shape (2,).
+        remainder_m: shape (k, 2), corners of the present plan that come after it.
+        remainder_is_spot: shape (k,).
+        mission: what is sailed until then; None if it is none of ours.
+        row: the corner of its plan that the start lies before.
+    """
+
+    start_m: FloatArray
+    remainder_m: FloatArray
+    remainder_is_spot: NDArray[np.bool_]
+    mission: Dispatched | None
+    row: int
+
+
+class Course:
+    """See the module's description. It looks at helm, seaway and reporter, which belong to the core."""
+
+    def __init__(self, configuration: Configuration, helm: Helm, seaway: Seaway, reporter: Reporter) -> None:
+        self._minimum_gain = configuration.planning.minimum_gain
+        self._helm = helm
+        self._seaway = seaway
+        self._reporter = reporter
+        self._planning_s: dict[bool, float] = {}
+        self._upload_s = _FIRST_UPLOAD_S
+        self._offered: tuple[float, Plan] | None = None
+        self._departure: Departure | None = None
+        self._leg_watch_due = 0.0
+        self._stretch_due = 0.0
+
+    def begin(self, *, reestimates: bool) -> Departure:
+        """A plan is going to be made now, after a re-estimate or without: where it begins.
+
+        Raises:
+            RuntimeError: the vessel's position is not known yet.
+        """
+        guess_s = max(self._planning_s.values(), default=_FIRST_PLANNING_S)
+        delay_s = self._planning_s.get(reestimates, guess_s) + self._upload_s
+        self._departure = self._departure_after(self._helm.reach_m(delay_s))
+        return self._departure
+
+    def took(self, duration_s: float, *, reestimated: bool) -> None:
+        """The plan is ready, so many seconds of protocol time after `begin`."""
+        usual_s = self._planning_s.get(reestimated, duration_s)
+        self._planning_s[reestimated] = usual_s + 0.5 * (duration_s - usual_s)
+
+    def keeps(self, plan: Plan, trigger: Trigger) -> bool:
+        """Whether the present plan is as good as the new one but for a small gain; says so."""
+        before, after, departure = plan.objective_before, plan.objective_after, self._departure
+        if before is None or after is None or trigger not in _FOR_GAIN or departure is None:
+            return False
+        if not self._is_sailed(departure) or not len(departure.remainder_m) or self._helm.path_finished:
+            return False
+        gain = (before - after) / abs(before) if before else float(before > after)
+        if gain >= self._minimum_gain or not self._seaway.is_open(departure.remainder_m):
+            return False
+        text = f"the course is kept ({plan.reason}): a new plan would gain {max(0.0, gain):.1%}"
+        self._reporter.log(Level.INFO, text.replace("%", " %"))
+        return True
+
+    def joined(self, plan: Plan) -> Plan:
+        """The plan from where the vessel is now, the frozen part before it.
+
+        Raises:
+            Unreachable: there is no way over water to the plan's first corner.
+        """
+        here_m, kept_m, is_spot = self._helm.position_m, *self._frozen()
+        if here_m is not None and len(kept_m):
+            route_m = np.vstack([kept_m, plan.start_m, plan.route_m])
+            marks = np.concatenate([is_spot, [False], plan.is_spot])
+            if self._seaway.is_open(route_m):
+                plan = replace(plan, start_m=here_m, route_m=route_m, is_spot=marks)
+        return self._seaway.joined(plan, here_m)
+
+    def offer(self, now: float, plan: Plan) -> None:
+        """Make this plan the next to bring on board."""
+        self._offered = (now, plan)
+        self._helm.offer(plan)
+
+    def watch(self, now: float) -> None:
+        """A mission is sailed from wherever the vessel is when it takes it up: see that no land lies in between.
+
+        And a long one is sent in stretches: see that the next comes in time.
+        """
+        self._time_upload(now)
+        if not self._helm.sailing_ours or self._helm.dispatch.busy or now < self._leg_watch_due:
+            return
+        self._leg_watch_due = now + LEG_WATCH_S
+        rest, route_m = self._rest(), self._helm.remaining_route_m()
+        if rest is None or len(route_m) < 2:
+            return
+        if self._seaway.water.approach_is_clear(route_m[0], route_m[1]):
+            if now >= self._stretch_due and self._stretch_ends():
+                self._stretch_due = now + STRETCH_RETRY_S
+                self._reporter.log(Level.INFO, f"the next stretch: {len(rest.route_m)} corners are left")
+                self.offer(now, rest)
+            return
+        try:
+            self.offer(now, self._seaway.joined(rest, self._helm.position_m))
+        except Unreachable as error:
+            self._leg_watch_due = now + LEG_ALARM_S
+            text = f"land lies before the vessel, and there is no way round: {error}"
+            self._reporter.log(Level.ERROR, text)
+        else:
+            self._reporter.log(Level.WARNING, "land lies before the vessel: the mission goes round it")
+
+    def _departure_after(self, reach_m: float) -> Departure:
+        """After sailing on for so many metres."""
+        route_m = self._helm.remaining_route_m()
+        if self._helm.path_finished or len(route_m) < 2:
+            rest = None if self._helm.path_finished else self._rest()
+            corners_m = np.empty((0, 2)) if rest is None else rest.route_m
+            spots = np.empty(0, dtype=bool) if rest is None else rest.is_spot
+            return self._within_water(Departure(route_m[0], corners_m, spots, None, 0))
+        mission = self._helm.dispatch.active
+        assert mission is not None
+        legs = np.diff(route_m, axis=0)
+        ends_m = np.cumsum(np.hypot(legs[:, 0], legs[:, 1]))
+        row = len(mission.plan.route_m) - len(legs) + int(np.searchsorted(ends_m, reach_m))
+        start_m, is_spot = advance_along(route_m, reach_m), mission.plan.is_spot[row:]
+        return self._within_water(Departure(start_m, mission.plan.route_m[row:], is_spot, mission, row))
+
+    def _within_water(self, departure: Departure) -> Departure:
+        """Without corners in water that has been closed since they were planned."""
+        if not len(departure.remainder_m):
+            return departure
+        stays = self._seaway.water.is_navigable(departure.remainder_m)
+        return replace(
+            departure,
+            remainder_m=departure.remainder_m[stays],
+            remainder_is_spot=np.asarray(departure.remainder_is_spot, dtype=bool)[stays],
+        )
+
+    def _is_sailed(self, departure: Departure) -> bool:
+        """Whether the vessel still sails what it sailed when the plan was begun."""
+        mission = departure.mission
+        return mission is not None and mission is self._helm.dispatch.active and self._helm.sailing_ours
+
+    def _frozen(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Corners of the frozen part that still lie before the vessel, and which are spots.
+
+        One that it will have passed before the new plan is on board is none of them: it would be sailed back to.
+        """
+        departure = self._departure
+        if departure is None or departure.mission is None or not self._is_sailed(departure):
+            return np.empty((0, 2)), np.empty(0, dtype=bool)
+        plan = departure.mission.plan
+        route_m = self._helm.remaining_route_m()
+        first = len(plan.route_m) - len(route_m) + 1
+        legs = np.diff(route_m, axis=0)
+        passed_m = self._helm.reach_m(self._upload_s) + self._helm.acceptance_radius_m
+        first += int(np.searchsorted(np.cumsum(np.hypot(legs[:, 0], legs[:, 1])), passed_m))
+        rows = slice(first, max(first, departure.row))
+        return plan.route_m[rows], np.asarray(plan.is_spot[rows], dtype=bool)
+
+    def _rest(self) -> Plan | None:
+        """What is left of the active plan, from the corner on that the vessel makes for; None if there is none."""
+        active, here_m = self._helm.dispatch.active, self._helm.position_m
+        if active is None or here_m is None:
+            return None
+        row = self._helm.next_row
+        return replace(
+            active.plan, start_m=here_m, route_m=active.plan.route_m[row:], is_spot=active.plan.is_spot[row:]
+        )
+
+    def _stretch_ends(self) -> bool:
+        """Whether the mission on board ends before its plan does, and soon."""
+        active = self._helm.dispatch.active
+        if active is None or active.is_whole:
+            return False
+        left = len(active.items) - self._helm.next_row
+        corners_m = self._helm.remaining_route_m()[: left + 1]
+        left_m = float(np.hypot(*np.diff(corners_m, axis=0).T).sum())
+        return left <= STRETCH_LEAD_ITEMS or left_m <= STRETCH_LEAD_S * self._helm.pace_mps
+
+    def _time_upload(self, now: float) -> None:
+        """How long it takes to bring a plan on board."""
+        active = self._helm.dispatch.active
+        if self._offered is None or active is None or active.plan is not self._offered[1]:
+            return
+        took_s = min(_LONGEST_UPLOAD_S, now - self._offered[0])
+        self._upload_s += 0.5 * (took_s - self._upload_s)
+        self._offered = None
