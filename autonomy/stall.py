@@ -9,6 +9,9 @@ from autonomy.planning.restrictions import Region
 _NEAREST_SHARE = 0.75
 """Of the way from the stall to its waypoint: the radius of the water given up about the waypoint."""
 
+_REMEMBERED_PLACES = 64
+"""Of more, those are forgotten that were given up for the shortest time to come, or the longest ago."""
+
 CLOSING_S = 20.0
 """Model time in which a boat must have come nearer to the first waypoint of a new mission."""
 
@@ -70,6 +73,8 @@ class GivenUp:
         region = Region(((x, y),), max(self._least_m, _NEAREST_SHARE * distance_m))
         self._places = [place for place in self._places if place[0] not in [known for known, _ in before]]
         self._places.append((region, time_s + lasts_s, lasts_s))
+        if len(self._places) > _REMEMBERED_PLACES:
+            self._places.remove(min(self._places, key=lambda place: place[1]))
         return lasts_s
 
     def regions(self, time_s: float) -> tuple[Region, ...]:

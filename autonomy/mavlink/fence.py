@@ -42,7 +42,8 @@ def parse_fence(items: Sequence[MissionItem]) -> tuple[Zone, ...]:
     """The zones of a fence that was read; an older fence's return point is none.
 
     Raises:
-        FenceError: vertices are missing, a circle has no radius, or an item is nothing of a fence.
+        FenceError: vertices are missing, a circle has no radius, a place is not on Earth, or an item is nothing of a
+            fence.
     """
     zones: list[Zone] = []
     k = 0
@@ -77,4 +78,6 @@ def _polygon(items: Sequence[MissionItem], first: int) -> Zone:
 
 
 def _place(item: MissionItem) -> tuple[float, float]:
+    if abs(item.lat_deg) > 90.0 or abs(item.lon_deg) > 180.0:
+        raise FenceError(f"no such place: latitude {item.lat_deg:g}, longitude {item.lon_deg:g} degrees")
     return item.lat_deg, item.lon_deg

@@ -1,5 +1,6 @@
 """Reading a few of the autopilot's parameters, and its home: one sans-io state machine."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -70,7 +71,7 @@ class ParameterReading:
 
     def _on_value(self, message: Any) -> bool:
         name, value = message.param_id, message.param_value
-        if name not in self._names or self._values.get(name) == value:
+        if name not in self._names or not math.isfinite(value) or self._values.get(name) == value:
             return False
         self._values[name] = value
         return True

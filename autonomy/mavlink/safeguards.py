@@ -163,6 +163,8 @@ class SafeguardsReading:
             home, radius_m = self._parameters.home_deg, values.get("FENCE_RADIUS")
             if home is None or radius_m is None:
                 return self._fail(now, "the fence is a circle about home, which the autopilot does not tell")
+            if not radius_m > 0.0:
+                return self._fail(now, f"the fence is a circle about home with a radius of {radius_m:g} m")
             groups.append((Zone(True, (home,), radius_m),))
         exclusions = tuple(zone for zone in self._zones if not zone.is_inclusion)
         self.known = Safeguards(tuple(groups), exclusions, rally_deg, dict(values))
