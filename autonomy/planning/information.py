@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotri
 
 from autonomy.geometry import FloatArray
 
@@ -54,7 +55,7 @@ def mutual_information(S: ArrayLike, sites: Iterable[int]) -> float:
         return 0.0
     # With S = L Lᵀ and W = L⁻¹ E_P, Λ_PP = Wᵀ W.
     W = solve_triangular(factor, np.eye(len(covariance))[:, chosen], lower=True)
-    information = 0.5 * (_log_determinant(covariance[np.ix_(chosen, chosen)]) + _log_determinant(W.T @ W))
+    information = 0.5 * (log_determinant(covariance[np.ix_(chosen, chosen)]) + log_determinant(W.T @ W))
     return max(0.0, information)
 
 
@@ -64,9 +65,12 @@ def precision(S: ArrayLike) -> FloatArray:
     Raises:
         ValueError: S is no covariance matrix.
     """
-    covariance, factor = factorise(S)
-    inverse: FloatArray = cho_solve((factor, True), np.eye(len(covariance)))
-    return 0.5 * (inverse + inverse.T)
+    _, factor = factorise(S)
+    # A third of the work of solving for the identity; only the lower triangle is filled in.
+    lower, _ = dpotri(factor, lower=1)
+    inverse: FloatArray = np.tril(lower)
+    inverse += np.tril(lower, -1).T
+    return inverse
 
 
 def factorise(S: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -90,5 +94,6 @@ def factorise(S: ArrayLike) -> tuple[FloatArray, FloatArray]:
         ) from error
 
 
-def _log_determinant(matrix: FloatArray) -> float:
+def log_determinant(matrix: FloatArray) -> float:
+    """log|matrix| of a symmetric positive definite matrix; LinAlgError if it is none."""
     return 2.0 * float(np.sum(np.log(np.diag(np.linalg.cholesky(matrix)))))

@@ -1,6 +1,6 @@
 """Choosing sampling spots: the paper's dynamic programme, and a greedy choice."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from operator import index
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from autonomy.geometry import FloatArray
-from autonomy.planning.information import mutual_information, precision
+from autonomy.planning.information import log_determinant, precision
 
 _TIE_NATS = 1e-11
 """Values this close are equal: round-off must not decide between sites that symmetry makes equal."""
@@ -21,13 +21,19 @@ class Selection:
     Attributes:
         sites: distinct indices into the candidate sites.
         objective: the sum that the method maximised, in nats. The dynamic programme's is an upper bound of
-            the mutual information; greedy's is the mutual information itself.
-        mutual_information: true I(P) of the sites, in nats: the figure to report.
+            the mutual information; that of the others is the mutual information itself.
+        mutual_information: true I(P) of the sites, in nats: the figure to report. It changes with the lattice.
+        field_information: ½ log|S_PP/σn²|, what readings at the sites tell of the field itself, in nats. It does not
+            depend on the other candidates: the figure for comparing lattices. None if σn² was not given.
+        variance_drop: by how much readings at the sites lower the field's variance at the candidates on average,
+            expected and in S's units. None if σn² was not given.
     """
 
     sites: tuple[int, ...]
     objective: float
     mutual_information: float
+    field_information: float | None = None
+    variance_drop: float | None = None
 
     def __iter__(self) -> Iterator[int]:
         return iter(self.sites)
@@ -36,7 +42,33 @@ class Selection:
         return len(self.sites)
 
 
-def select_by_dynamic_programming(S: ArrayLike, n: int) -> Selection:
+def selection_of(
+    S: FloatArray,
+    Lambda: FloatArray,
+    sites: Sequence[int],
+    objective: float | None = None,
+    noise_variance: float | None = None,
+) -> Selection:
+    """The sites with their figures, given Λ = S⁻¹; the objective is the mutual information if none is given."""
+    P = np.array(sites, dtype=np.intp)
+    within = np.ix_(P, P)
+    # Of all sites there is nothing left to know; round-off aside, I(P) is never negative.
+    information = 0.0
+    if len(P) < len(S):
+        information = max(0.0, 0.5 * (log_determinant(S[within]) + log_determinant(Lambda[within])))
+    if objective is None:
+        objective = information
+    chosen = tuple(P.tolist())
+    if noise_variance is None:
+        return Selection(chosen, objective, information)
+    field_information = 0.5 * log_determinant(S[within] / noise_variance)
+    cross = S[P].copy()
+    cross[np.arange(len(P)), P] -= noise_variance
+    drop = float(np.sum(cross * np.linalg.solve(S[within], cross))) / len(S)
+    return Selection(chosen, objective, information, field_information, drop)
+
+
+def select_by_dynamic_programming(S: ArrayLike, n: int, *, noise_variance: float | None = None) -> Selection:
     """The paper's dynamic programme over sequences of n distinct sites (Ma, Liu & Sukhatme 2017, sec. III-C).
 
     V_1(x) = I(Z_x; Z_rest); V_i(x) = max over the predecessor p of V_{i−1}(p) + I(Z_x; Z_rest | Z_path(p)),
@@ -50,20 +82,21 @@ def select_by_dynamic_programming(S: ArrayLike, n: int) -> Selection:
     Args:
         S: shape (N, N), posterior covariance of the measurements over the candidates, noise included.
         n: how many sites, 1 … N.
+        noise_variance: σn², which S includes, for the selection's other figures.
 
     Raises:
         ValueError: S is no covariance matrix, or n is out of range.
     """
     covariance, n = np.asarray(S, dtype=np.float64), index(n)
     Lambda = precision(covariance)
-    _check_size(n, len(covariance))
+    check_size(n, len(covariance))
     half_log_precision = 0.5 * np.log(np.diag(Lambda))
     states = _States.first(covariance, half_log_precision)
     for _ in range(1, n):
         states = states.extended(covariance, half_log_precision)
     last = _lowest_maximum(states.value[:, None])[0]
     sites = tuple(int(site) for site in states.paths[:, last])
-    return Selection(sites, float(states.value[last]), mutual_information(covariance, sites))
+    return selection_of(covariance, Lambda, sites, float(states.value[last]), noise_variance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +144,7 @@ class _States:
         return _States(value, paths, variance, visited)
 
 
-def select_greedily(S: ArrayLike, n: int) -> Selection:
+def select_greedily(S: ArrayLike, n: int, *, noise_variance: float | None = None) -> Selection:
     """Take the site that raises the true mutual information most, n times (Krause et al. 2008).
 
     The gain of x is ½(log var(x | P) + log var_Λ(x | P)), with Schur complements of S and of Λ. It may be
@@ -120,25 +153,31 @@ def select_greedily(S: ArrayLike, n: int) -> Selection:
     Args:
         S: shape (N, N), posterior covariance of the measurements over the candidates, noise included.
         n: how many sites, 1 … N.
+        noise_variance: σn², which S includes, for the selection's other figures.
 
     Raises:
         ValueError: S is no covariance matrix, or n is out of range.
     """
     covariance, n = np.asarray(S, dtype=np.float64), index(n)
-    sides = (_Conditioned(covariance, n), _Conditioned(precision(covariance), n))
-    _check_size(n, len(covariance))
-    free = np.ones(len(covariance), dtype=bool)
+    Lambda = precision(covariance)
+    check_size(n, len(covariance))
+    return selection_of(covariance, Lambda, greedy_sites(covariance, Lambda, n), None, noise_variance)
+
+
+def greedy_sites(S: FloatArray, Lambda: FloatArray, n: int, first: Sequence[int] = ()) -> list[int]:
+    """The sites of `select_greedily`, given Λ = S⁻¹; the first of them may be given."""
+    sides = (_Conditioned(S, n), _Conditioned(Lambda, n))
+    free = np.ones(len(S), dtype=bool)
     sites: list[int] = []
-    for _ in range(n):
-        gain = np.full(len(covariance), -np.inf)
+    for k in range(n):
+        gain = np.full(len(S), -np.inf)
         gain[free] = 0.5 * sum(np.log(side.variance[free]) for side in sides)
-        site = int(_lowest_maximum(gain[:, None])[0])
+        site = first[k] if k < len(first) else int(_lowest_maximum(gain[:, None])[0])
         for side in sides:
             side.condition_on(site)
         free[site] = False
         sites.append(site)
-    information = mutual_information(covariance, sites)
-    return Selection(tuple(sites), information, information)
+    return sites
 
 
 class _Conditioned:
@@ -158,7 +197,8 @@ class _Conditioned:
         self.variance = self.variance - row**2
 
 
-def _check_size(n: int, available: int) -> None:
+def check_size(n: int, available: int) -> None:
+    """ValueError unless n of so many sites can be chosen."""
     if not 1 <= n <= available:
         raise ValueError(f"the number of sites must be 1 … {available}, the number of candidates, not {n}")
 
