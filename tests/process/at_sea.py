@@ -7,8 +7,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
+from autonomy.geometry import LocalFrame
 from autonomy.mavlink.codec import Codec
 from sim.operator import Operator
 
@@ -17,8 +19,8 @@ SIDE_M = 4000.0
 SPEEDUP = 200
 VEHICLE = "boat1"
 _SPEED_MPS = 4.0
-_SPACING_M = SIDE_M / 50
-_READING_S = _SPACING_M / _SPEED_MPS / 6
+SPACING_M = SIDE_M / 50
+_READING_S = SPACING_M / _SPEED_MPS / 6
 
 VESSEL = (
     *("--field", "synthetic-patch", "--start=33.948,-118.810", "--noise", "0.01"),
@@ -33,7 +35,7 @@ def configure(folder: Path, endpoint: str, connect: Sequence[str] = (), **sectio
         "vehicle": {"name": VEHICLE},
         "mavlink": {"endpoint": endpoint, "acceptance_radius_m": 20.0, "link_timeout_s": 2.0},
         "survey": {"area": [[SOUTH, WEST], [SOUTH, EAST], [NORTH, EAST], [NORTH, WEST]], "standoff_m": 0.0},
-        "sampling": {"spacing_m": _SPACING_M},
+        "sampling": {"spacing_m": SPACING_M},
         "exploration": {"minimum_basis": 12},
         "shore": {"connect": list(connect), "model_period_s": 0.5},
     }
@@ -55,6 +57,12 @@ class Bridge(Operator):
     def _received(self, data: bytes, peer: Any) -> None:
         super()._received(data, peer)
         self.heard += self._listener.decode(data, peer)
+
+    @property
+    def sailed_m(self) -> float:
+        """The way the boat has made since we heard of it first."""
+        points = LocalFrame(SOUTH, WEST).to_local(*np.array(self.track_deg).reshape(-1, 2).T)
+        return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
     def texts(self) -> list[str]:
         """Every line told to the operator so far."""

@@ -18,7 +18,7 @@ from autonomy.learning.sparse_gp import SparseOnlineGP
 from autonomy.shell.publisher import Publisher
 from autonomy.wire import HealthNotice, ModelSnapshot, ObservationNotice, PlanNotice, decode
 
-SOON_S = 20.0
+SOON_S = 60.0
 
 
 def free_endpoint() -> str:

@@ -29,24 +29,30 @@ def entries(folder: Path, run: int) -> list[Entry]:
 def test_killed_at_any_moment_nothing_is_missing_and_the_run_replays(tmp_path: Path) -> None:
     """Each start is killed without a word, later and later, and begins a run of its own."""
     port, folder = free_port(), tmp_path / "journal"
-    config = configure(tmp_path, f"udpin:127.0.0.1:{port}", journal={"directory": "journal"})
+    # Without checkpoints a run does not know the mission that the one before it has brought on board.
+    config = configure(
+        tmp_path,
+        f"udpin:127.0.0.1:{port}",
+        mavlink={"adopt": True},
+        journal={"directory": "journal"},
+        checkpoint={"enabled": False},
+    )
     operator = f"tcp:127.0.0.1:{free_port()}"
     with Processes() as processes:
         processes.vessel(*VESSEL, "--listen", f"udpout:127.0.0.1:{port}", "--listen", operator)
         with operating(operator):
             for run, seconds in enumerate((0.2, 0.5, 6.0, 1.5), 1):
-                service = processes.service(config, "--set", "checkpoint.enabled=false")
-                service.wait_for(f"recording run {run} in {folder}", 60.0)
-                # Before the third none lives long enough to bring a mission on board, which the next would not know.
-                service.wait_for("plan 1" if run == 3 else "looking for the vehicle", 60.0)
+                service = processes.service(config)
+                service.wait_for(f"recording run {run} in {folder}")
+                service.wait_for("verified on board" if run == 3 else "looking for the vehicle")
                 time.sleep(seconds)
                 service.send(signal.SIGKILL)
                 service.wait()
                 numbers = [entry.position.sequence for entry in entries(folder, run)]
                 assert numbers == list(range(1, len(numbers) + 1))
-            service = processes.service(config, "--set", "checkpoint.enabled=false")
-            service.wait_for("recording run 5", 60.0)
-            service.wait_for("looking for the vehicle", 60.0)
+            service = processes.service(config)
+            service.wait_for("recording run 5")
+            service.wait_for("looking for the vehicle")
             assert service.stop() == 0
     assert [file.run for file in journal_files(folder)] == [1, 2, 3, 4, 5]
     for run in (3, 5):
@@ -85,12 +91,12 @@ def test_a_run_that_went_on_after_a_kill_replays_from_the_first(tmp_path: Path) 
         processes.vessel(*VESSEL, "--listen", f"udpout:127.0.0.1:{port}", "--listen", operator)
         with operating(operator):
             service = processes.service(config, environment=state)
-            service.wait_for("re-estimated", 90.0)
+            service.wait_for("re-estimated")
             service.send(signal.SIGKILL)
             service.wait()
             service = processes.service(config, environment=state)
-            service.wait_for("resumed after", 60.0)
-            service.wait_for("exploring", 60.0)
+            service.wait_for("resumed after")
+            service.wait_for("exploring")
             time.sleep(3.0)
             assert service.stop() == 0
     header = read_header(journal_files(folder)[-1].path)
@@ -108,10 +114,10 @@ def test_what_happens_is_in_the_file_while_the_service_runs(tmp_path: Path) -> N
     with Processes() as processes:
         service = processes.service(config)
         processes.vessel(*VESSEL, "--listen", f"udpout:127.0.0.1:{port}")
-        service.wait_for("recording run 1 in", 60.0)
-        wait_until(lambda: len(entries(folder, 1)) > 100, 30.0, "100 records")
+        service.wait_for("recording run 1 in")
+        wait_until(lambda: len(entries(folder, 1)) > 100, what="100 records")
         before = len(entries(folder, 1))
-        wait_until(lambda: len(entries(folder, 1)) > before, 5.0, "another record")
+        wait_until(lambda: len(entries(folder, 1)) > before, what="another record")
         assert read_header(journal_files(folder)[0].path)["resumed"] is None
 
 
@@ -123,9 +129,9 @@ def test_a_second_service_in_the_same_folder_sails_unrecorded(tmp_path: Path) ->
     second = configure(tmp_path / "b", f"udpin:127.0.0.1:{free_port()}", journal=shared)
     with Processes() as processes:
         one = processes.service(first)
-        one.wait_for("recording run 1", 60.0)
+        one.wait_for("recording run 1")
         other = processes.service(second)
-        other.wait_for(f"another service records in {tmp_path / 'journal'}: nothing is recorded", 60.0)
-        other.wait_for("looking for the vehicle", 60.0)
+        other.wait_for(f"another service records in {tmp_path / 'journal'}: nothing is recorded")
+        other.wait_for("looking for the vehicle")
         assert other.stop() == 0
         assert one.stop() == 0

@@ -86,7 +86,7 @@ def test_a_killed_service_goes_on_by_itself(tmp_path: Path) -> None:
             *("--listen", f"udpout:127.0.0.1:{port}", "--listen", f"tcp:127.0.0.1:{operator}"), *VESSEL
         )
         with operating(f"tcp:127.0.0.1:{operator}"):
-            service.wait_for("re-estimated", 60.0)
+            service.wait_for("re-estimated")
             for _ in range(KILLS):
                 time.sleep(rng.uniform(0.0, 6.0))
                 learnt = samples(shore)
@@ -94,7 +94,7 @@ def test_a_killed_service_goes_on_by_itself(tmp_path: Path) -> None:
                 service.wait()
                 started = time.monotonic()
                 service = processes.service(config)
-                service.wait_for(EXPLORING, 20.0)
+                service.wait_for(EXPLORING)
                 took_s.append(time.monotonic() - started)
                 assert "nothing is known yet" not in service.said
                 assert "crashes the core" not in service.said
@@ -129,14 +129,14 @@ def test_without_a_journal_it_goes_on_from_the_last_checkpoint(tmp_path: Path) -
             *("--listen", f"udpout:127.0.0.1:{port}", "--listen", f"tcp:127.0.0.1:{operator}"), *VESSEL
         )
         with operating(f"tcp:127.0.0.1:{operator}"):
-            service.wait_for("re-estimated", 60.0)
+            service.wait_for("re-estimated")
             for _ in range(2):
                 service.send(signal.SIGKILL)
                 service.wait()
                 service = processes.service(config)
-                service.wait_for(EXPLORING, 20.0)
+                service.wait_for(EXPLORING)
                 assert_sails_only_what_was_read(service)
-                service.wait_for("plan ", 40.0)
+                service.wait_for("plan ")
                 assert "we don't know" not in service.said
             assert service.stop() == 0
     assert model_of_checkpoint(config, tmp_path / "kept")[1] > 0

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from at_sea import VEHICLE, VESSEL, configure, operating
+from at_sea import SPACING_M, VEHICLE, VESSEL, configure, operating
 from processes import SOON_S, Processes, Running, free_port, wait_until
 
 from autonomy.shore.subscriber import Subscriber
@@ -24,7 +24,7 @@ def samples(shore: Subscriber) -> int:
 
 
 def wait_for_samples(service: Running, shore: Subscriber, at_least: int) -> None:
-    service.wait_until(lambda: samples(shore) >= at_least, 30.0, f"{at_least} samples")
+    service.wait_until(lambda: samples(shore) >= at_least, what=f"{at_least} samples")
 
 
 def vessel_at(port: int, operator: int) -> tuple[str, ...]:
@@ -42,7 +42,7 @@ def test_the_vehicle_comes_late_goes_and_comes_again(tmp_path: Path) -> None:
     port, operator, shore_at = free_port(), free_port(), f"tcp/127.0.0.1:{free_port()}"
     with Processes() as processes, Subscriber(VEHICLE, listen=[shore_at]) as shore:
         running = processes.service(configure(tmp_path, f"udpin:127.0.0.1:{port}", [shore_at]))
-        wait_until(lambda: shore.latest(VEHICLE).health, 30.0, "health without a vehicle")
+        wait_until(lambda: shore.latest(VEHICLE).health, what="health without a vehicle")
         assert shore.latest(VEHICLE).health.state == "waiting_for_vehicle"
         first = processes.vessel(*vessel_at(port, operator))
         with operating(f"tcp:127.0.0.1:{operator}"):
@@ -67,8 +67,8 @@ def test_routers_come_late_go_and_come_again(tmp_path: Path) -> None:
     with Processes() as processes:
         running = processes.service(configure(tmp_path, f"udpin:127.0.0.1:{port}", [shore_at]))
         processes.vessel(*vessel_at(port, operator))
-        with operating(f"tcp:127.0.0.1:{operator}"):
-            running.wait_for("re-estimated", 40.0)
+        with operating(f"tcp:127.0.0.1:{operator}") as bridge:
+            running.wait_for("re-estimated")
             seen = [0]
             for _ in range(2):
                 with Subscriber(VEHICLE, listen=[shore_at]) as shore:
@@ -80,7 +80,9 @@ def test_routers_come_late_go_and_come_again(tmp_path: Path) -> None:
                     assert samples(shore) >= seen[-1] + 10
                     seen.append(samples(shore) + 10)
                     wait_for_samples(running, shore, seen[-1])
-                time.sleep(1.0)
+                # Way enough for 30 samples, of which 10 are asked for.
+                there_m = bridge.sailed_m + 30 * SPACING_M
+                running.wait_until(lambda m=there_m: bridge.sailed_m > m, what="a way made unheard")
         print(f"samples seen: {seen}")
         assert running.stop() == 0
         assert running.family() == []
@@ -92,9 +94,9 @@ def test_a_hung_router_does_not_hold_up_the_stop(tmp_path: Path) -> None:
     with Processes() as processes:
         router = processes.start("-m", "autonomy", "shore", "watch", VEHICLE, "--listen", shore_at)
         running = processes.service(configure(tmp_path, f"udpin:127.0.0.1:{free_port()}", [shore_at]))
-        running.wait_for("shore: connected", 30.0)
+        running.wait_for("shore: connected")
         router.send(signal.SIGSTOP)
-        assert running.stop(within_s=10.0) == 0
+        assert running.stop(within_s=15.0) == 0, "TimeoutStopSec of the unit"
         assert running.family() == []
 
 

@@ -42,7 +42,7 @@ def test_a_late_subscriber_sees_the_vehicles_own_map(tmp_path: Path) -> None:
                     seen.append(update.value) if isinstance(update.value, ModelSnapshot) else None
                 ),
             ):
-                wait_until(lambda: len(seen) >= 8, 30.0, "eight models")
+                wait_until(lambda: len(seen) >= 8, what="eight models")
                 assert service.stop() == 0
     own = pickle.loads(notes.read_bytes())["models"]
     errors = [largest_error(snapshot, own[snapshot.sequence]) for snapshot in seen]

@@ -23,7 +23,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mav
 pytestmark = pytest.mark.process
 UDP, TCP = "udpin:127.0.0.1:0", "tcp:127.0.0.1:0"
 START = (33.98, -118.795)
-DEADLINE_S = 30.0
+DEADLINE_S = 60.0
 
 
 @dataclass
@@ -142,7 +142,8 @@ def test_the_clock_runs_at_the_speed_up_and_every_reading_arrives():
     speedup = 500.0
     with (
         vessel("--speedup", f"{speedup}", "--sensor-name", "TEMP", "--noise", "0.01") as boat,
-        Client("udp", boat.ports[0]) as client,
+        # Of datagrams the kernel drops what a busy test fetches too late.
+        Client("tcp", boat.ports[1]) as client,
     ):
         client.send(heartbeat())
         first = client.wait_for("NAMED_VALUE_FLOAT")

@@ -60,10 +60,12 @@ class Companion:
 
     async def measure(self) -> None:
         """Wait until the vehicle and the pace of its clock are known."""
-        for _ in range(30):
-            self.send([heartbeat(active=False)])
-            await asyncio.sleep(0.1)
-        assert self.telemetry.state is not None
+        turns = 0
+        async with asyncio.timeout(LIMIT_S):
+            while turns < 30 or self.telemetry.state is None:
+                self.send([heartbeat(active=False)])
+                await asyncio.sleep(0.1)
+                turns += 1
 
     async def upload(self, transfer: MissionTransfer) -> float:
         started = self._loop.time()
