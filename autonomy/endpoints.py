@@ -122,4 +122,5 @@ def session_settings(
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
+        **({} if certificates is None else certificates.settings(listens=bool(listen))),
     }

@@ -160,7 +160,8 @@ class HealthNotice:
     `distance_m` what has been sailed; `clock_rate` vehicle seconds per second of this process; `link_ok`
     whether the autopilot is heard; `worker_busy` whether a job runs; `dropped` messages for the shore that
     were thrown away for want of a listener or of room; `journal` what is wrong with the recording of the run, empty
-    if nothing is.
+    if nothing is; `security` what was refused on the link to the vehicle, and why; `shore` what is wrong with the way
+    ashore.
     """
 
     state: str
@@ -188,6 +189,8 @@ class HealthNotice:
     dropped: int
     journal: str
     quality: Mapping[str, tuple[int, ...]]
+    security: str = ""
+    shore: str = ""
 
 
 @dataclass(frozen=True)
@@ -273,7 +276,8 @@ def _as_map(value: Payload) -> tuple[Topic, dict[str, Any]]:
         case HealthNotice():
             content["reason"] = _cut(value.reason, MAXIMUM_REASON)
             content["kernel"] = _cut(value.kernel, MAXIMUM_KERNEL)
-            content["journal"] = _cut(value.journal, MAXIMUM_REASON)
+            for name in ("journal", "security", "shore"):
+                content[name] = _cut(content[name], MAXIMUM_REASON)
             return Topic.HEALTH, content
         case LogNotice():
             content["text"] = _cut(value.text, MAXIMUM_LINE)

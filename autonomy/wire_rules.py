@@ -325,12 +325,23 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "dropped": _count,
         "journal": _text(MAXIMUM_REASON),
         "quality": _tallies,
+        "security": _text(MAXIMUM_REASON),
+        "shore": _text(MAXIMUM_REASON),
     },
     Topic.LOG: {"level": _one_of(LEVELS), "text": _text(MAXIMUM_LINE)},
 }
 
 ADDED = frozenset(
-    {"objective_before", "objective_after", "expected_rmse", "rejected", "seed", "model_version"}
+    {
+        "objective_before",
+        "objective_after",
+        "expected_rmse",
+        "rejected",
+        "seed",
+        "model_version",
+        "security",
+        "shore",
+    }
 )
 """Fields that came into a version after its beginning: an older sender has not got them, and has their defaults."""
 

@@ -1,6 +1,7 @@
 """What the verbs that take a configuration share: their arguments, and how its mistakes are told."""
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
@@ -26,12 +27,13 @@ def add_override_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def load_with_survey(file: str, overrides: list[str]) -> tuple[Loaded, SurveyArea]:
-    """Read a configuration and the files of polygons and depths that it names.
+    """Read a configuration and the files of polygons and depths that it names; its signing key is tried too.
 
     Raises:
-        ConfigurationError: either can't be used.
+        ConfigurationError: one of them can't be used.
     """
     loaded = load_with_origins(file, overrides=overrides)
+    _try_key(loaded, file)
     try:
         return loaded, read_survey(loaded.configuration.survey)
     except SurveyError as error:
@@ -40,11 +42,20 @@ def load_with_survey(file: str, overrides: list[str]) -> tuple[Loaded, SurveyAre
 
 def doubts(loaded: Loaded, survey: SurveyArea) -> list[str]:
     """What is allowed but seldom meant, in words: the land above all, since nothing else keeps the vessel off it."""
+    found = []
     if loaded.configuration.survey.land is None:
-        return ["survey.land: no polygons of land are given: all of the survey area counts as water"]
-    if not survey.obstacles.intersects(survey.ground):
-        return ["survey.land: the polygons of land do not touch the survey area: all of it counts as water"]
-    return []
+        found.append("survey.land: no polygons of land are given: all of the survey area counts as water")
+    elif not survey.obstacles.intersects(survey.ground):
+        found.append(
+            "survey.land: the polygons of land do not touch the survey area: all of it counts as water"
+        )
+    tls = loaded.configuration.shore.tls
+    if tls.certificate is not None:
+        from autonomy.shell.certificate import doubt
+
+        of_certificate = doubt(loaded.configuration.vehicle.name, tls.certificate, tls.private_key)
+        found += [f"shore.tls.certificate: {of_certificate}"] if of_certificate else []
+    return found
 
 
 def tell(error: ConfigurationError) -> int:
@@ -58,6 +69,21 @@ def _override(text: str) -> str:
     if not equals or not key.strip():
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form SECTION.KEY=VALUE")
     return text
+
+
+def _try_key(loaded: Loaded, file: str) -> None:
+    """ConfigurationError if the signing key that is named can't be used."""
+    section = loaded.configuration.mavlink.signing
+    if section.key_file is None:
+        return
+    from autonomy.mavlink.signing import KeyFileError, read_key
+
+    try:
+        read_key(section, os.environ)
+    except KeyFileError as error:
+        path = ("mavlink", "signing", "key_file")
+        origin = loaded.origins.get(path, Origin(Source.FILE, file))
+        raise ConfigurationError([Problem(origin, ".".join(path), str(error))]) from None
 
 
 def _survey_problem(loaded: Loaded, file: str, error: SurveyError) -> Problem:

@@ -55,6 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     from autonomy.shell.daemon import Daemon
     from autonomy.shell.journal import open_journal
     from autonomy.shell.resumption import open_continuity
+    from autonomy.shell.signed_link import open_signed_link
 
     log = logging.getLogger("autonomy")
     for doubt in doubts(loaded, survey):
@@ -64,7 +65,15 @@ def run(arguments: argparse.Namespace) -> int:
         continuity, _ = open_continuity(configuration, survey, os.environ, afresh=arguments.afresh)
         resumed = None if continuity is None else continuity.resumed
         journal, unrecorded = open_journal(configuration, survey, os.environ, resumed)
-        daemon = Daemon(configuration, survey, journal=journal, unrecorded=unrecorded, continuity=continuity)
+        signed_link = open_signed_link(configuration, os.environ)
+        daemon = Daemon(
+            configuration,
+            survey,
+            journal=journal,
+            unrecorded=unrecorded,
+            continuity=continuity,
+            signed_link=signed_link,
+        )
         asyncio.run(daemon.run())
     except Exception:
         log.exception("the service ends over an error of its own")

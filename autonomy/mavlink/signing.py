@@ -15,6 +15,9 @@ from enum import Enum
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autonomy.config import SigningSection
+from autonomy.config.private import PrivateFileError, read_private
+
 TICKS_PER_S = 100_000
 EPOCH_UTC_S = 1_420_070_400.0
 """Timestamps count ten microseconds since 1 January 2015."""
@@ -24,7 +27,7 @@ SIGNATURE_BYTES = 13
 """Link id, six bytes of timestamp, six bytes of signature."""
 
 MAXIMUM_STREAMS = 256
-_LARGEST_TIMESTAMP = 2**48 - 1
+LARGEST_TIMESTAMP = 2**48 - 1
 _NEW_STREAM_TICKS = 60 * TICKS_PER_S
 _OWN_AHEAD = 5 * TICKS_PER_S
 _SPARE = TICKS_PER_S // 10
@@ -40,6 +43,10 @@ Stream = tuple[int, int, int]
 
 class KeyFormatError(ValueError):
     """The content of a key file is no key; says why, and never what it is."""
+
+
+class KeyFileError(ValueError):
+    """There is no usable key in the file; says why, never what is in it."""
 
 
 class SigningKey:
@@ -83,6 +90,22 @@ class SigningKey:
         return hashlib.sha256(self._secret + signed).digest()[:6]
 
 
+def read_key(section: SigningSection, environment: Mapping[str, str]) -> SigningKey | None:
+    """The key that the configuration names; None if it names none.
+
+    Raises:
+        KeyFileError: the file can't be read, others may read it, or it holds no key.
+    """
+    if section.key_file is None:
+        return None
+    try:
+        return SigningKey.from_file_content(read_private(section.key_file, environment), section.form)
+    except PrivateFileError as error:
+        raise KeyFileError(str(error)) from None
+    except KeyFormatError as error:
+        raise KeyFileError(f"{str(section.key_file)!a}: {error}") from None
+
+
 class Refusal(Enum):
     """Why a packet is not accepted; the value is how it is said to a person."""
 
@@ -118,7 +141,7 @@ class _Heard:
         """Pledge some steps ahead: a sender may count packets or ten microseconds."""
         step = 1 if self.before is None else min(max(1, self.last - self.before), _LONGEST_STEP)
         if self.last + step > self.pledged:
-            self.pledged = min(self.last + _STEPS_AHEAD * step, _LARGEST_TIMESTAMP)
+            self.pledged = min(self.last + _STEPS_AHEAD * step, LARGEST_TIMESTAMP)
         self.before = self.last
 
 
@@ -157,7 +180,7 @@ class Signing:
     def sign(self, packet: bytes, crc_extra: int) -> bytes:
         """An unsigned MAVLink 2 packet, signed; `crc_extra` is its message's."""
         self._advance()
-        self._timestamp = min(self._timestamp + 1, _LARGEST_TIMESTAMP)
+        self._timestamp = min(self._timestamp + 1, LARGEST_TIMESTAMP)
         body = packet[1:2] + bytes([packet[2] | mavlink.MAVLINK_IFLAG_SIGNED]) + packet[3:-2]
         crc = mavlink.x25crc(body)
         crc.accumulate(bytes([crc_extra]))
@@ -182,7 +205,7 @@ class Signing:
         highest = max(self._timestamp, *streams.values(), 0)
         if self._pledged < max(self._now() + _OWN_AHEAD // 2, self._timestamp + _SPARE // 2, highest):
             ahead = max(self._now() + _OWN_AHEAD, self._timestamp + _SPARE, highest)
-            self._pledged = min(ahead, _LARGEST_TIMESTAMP)
+            self._pledged = min(ahead, LARGEST_TIMESTAMP)
         self._outrun = False
         return Pledge(self._pledged, streams)
 
@@ -219,7 +242,7 @@ class Signing:
 
     def _now(self) -> int:
         ticks = round((self._utc_s() - EPOCH_UTC_S) * TICKS_PER_S)
-        return min(max(0, ticks), _LARGEST_TIMESTAMP)
+        return min(max(0, ticks), LARGEST_TIMESTAMP)
 
 
 def told(refused: Mapping[Refusal, int]) -> str:

@@ -11,9 +11,10 @@ from collections.abc import Hashable
 from dataclasses import replace
 from typing import Any
 
-from autonomy.config import Configuration
+from autonomy.config import Configuration, ShoreSection
 from autonomy.core import Core
 from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob
+from autonomy.endpoints import Certificates
 from autonomy.events import (
     DeadlineReached,
     Event,
@@ -26,9 +27,11 @@ from autonomy.events import (
 )
 from autonomy.mavlink.codec import Codec
 from autonomy.planning.survey import SurveyArea
+from autonomy.shell.certificate import doubt
 from autonomy.shell.journal import Journal
 from autonomy.shell.publisher import Publisher
 from autonomy.shell.resumption import Continuity
+from autonomy.shell.signed_link import SignedLink
 from autonomy.shell.systemd import Notifier
 from autonomy.shell.transport import Transport
 from autonomy.shell.worker import Worker
@@ -38,6 +41,8 @@ log = logging.getLogger("autonomy")
 
 _PROVISIONAL_SYSTEM_ID = 1
 """Our system id until the vehicle's own is known; we take over the vehicle's."""
+
+_TEND_SIGNING_S = 1.0
 
 
 class Daemon:
@@ -51,6 +56,7 @@ class Daemon:
         unrecorded: why there is no journal although there should be one; goes into health.
         continuity: what earlier runs have left, and what keeps what this one knows; None: it begins with nothing,
             and leaves nothing.
+        signed_link: what signs and checks the packets of the link to the vehicle; None: nothing does.
     """
 
     def __init__(
@@ -61,13 +67,22 @@ class Daemon:
         journal: Journal | None = None,
         unrecorded: str = "",
         continuity: Continuity | None = None,
+        signed_link: SignedLink | None = None,
     ) -> None:
         self._configuration = configuration
         self._core = Core(configuration, survey) if continuity is None else continuity.core
         self._continuity = continuity
         self._milestones = self._core.milestones
-        self._codec = Codec(_PROVISIONAL_SYSTEM_ID, configuration.mavlink.component_id)
-        self._publisher = Publisher(configuration.vehicle.name, configuration.shore.connect)
+        self._signed_link = signed_link
+        signing = None if signed_link is None else signed_link.signing
+        self._codec = Codec(_PROVISIONAL_SYSTEM_ID, configuration.mavlink.component_id, signing)
+        shore = configuration.shore
+        self._publisher = Publisher(
+            configuration.vehicle.name, shore.connect, certificates=_certificates(shore)
+        )
+        self._certificate_doubt = doubt(
+            configuration.vehicle.name, shore.tls.certificate, shore.tls.private_key
+        )
         self._worker = Worker(survey, self._job_finished, self._job_failed, run=job_runner)
         self._journal = journal
         self._unrecorded = unrecorded
@@ -103,6 +118,7 @@ class Daemon:
             self._happened(DeadlineReached())
             self._feed_watchdog()
             self._keep_regularly(first=True)
+            self._tend_signing()
             log.info("looking for the vehicle at %s", self._configuration.mavlink.endpoint)
             await self._until_the_end(ended)
         finally:
@@ -141,11 +157,21 @@ class Daemon:
             await asyncio.to_thread(self._continuity.close, in_order=in_order)
         if self._journal is not None:
             await asyncio.to_thread(self._journal.close)
+        if self._signed_link is not None:
+            await asyncio.to_thread(self._signed_link.close)
         self._notifier.close()
 
     def _received(self, data: bytes, peer: Hashable) -> None:
-        for message in self._codec.decode(data, peer):
+        messages = self._codec.decode(data, peer)
+        if self._signed_link is not None and self._signed_link.signing.is_due:
+            self._signed_link.tend()
+        for message in messages:
             self._happened(MessageReceived(message))
+
+    def _tend_signing(self) -> None:
+        if self._signed_link is not None and self._ended is not None and not self._ended.done():
+            self._signed_link.tend()
+            asyncio.get_running_loop().call_later(_TEND_SIGNING_S, self._tend_signing)
 
     def _job_finished(self, job_id: int, result: Any) -> None:
         self._happened(JobFinished(job_id, result))
@@ -218,15 +244,25 @@ class Daemon:
             case StartJob(job_id, name, request, deadline_s):
                 self._worker.submit(job_id, name, request, deadline_s)
             case Publish(topic, HealthNotice() as health):
-                dropped = sum(self._publisher.status.dropped.values())
-                self._publisher.publish(
-                    topic, replace(health, dropped=dropped, journal=self._journal_trouble())
-                )
-                self._tell_manager(f"{health.state}: {health.reason}")
+                health = self._completed(health)
+                self._publisher.publish(topic, health)
+                doubts = "".join(f"; {each}" for each in (health.security, health.shore) if each)
+                self._tell_manager(f"{health.state}: {health.reason}{doubts}")
             case Publish(topic, payload):
                 self._publisher.publish(topic, payload)
             case Log(level, text):
                 log.log(level.value, "%s", text)
+
+    def _completed(self, health: HealthNotice) -> HealthNotice:
+        """With what the core can't know: how the links and the recording are."""
+        ashore = self._publisher.status
+        return replace(
+            health,
+            dropped=sum(ashore.dropped.values()),
+            journal=self._journal_trouble(),
+            security="" if self._signed_link is None else self._signed_link.report,
+            shore="; ".join(filter(None, (ashore.trouble, self._certificate_doubt))),
+        )
 
     def _tell_manager(self, status: str) -> None:
         if status != self._status:
@@ -239,3 +275,12 @@ class Daemon:
         if period_s is not None and self._ended is not None and not self._ended.done():
             self._notifier.watchdog()
             asyncio.get_running_loop().call_later(period_s, self._feed_watchdog)
+
+
+def _certificates(shore: ShoreSection) -> Certificates:
+    """The files of the configuration as zenoh wants them."""
+    tls = shore.tls
+    root_ca, certificate, key = (
+        None if file is None else str(file) for file in (tls.root_ca, tls.certificate, tls.private_key)
+    )
+    return Certificates(root_ca, certificate, key, tls.verify_name)

@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -11,7 +12,7 @@ import zenoh
 
 from autonomy import wire
 from autonomy.effects import Topic
-from autonomy.endpoints import session_settings
+from autonomy.endpoints import Certificates, session_settings
 from autonomy.zenoh_session import zenoh_config
 
 log = logging.getLogger(__name__)
@@ -20,6 +21,7 @@ LATEST_WINS = (Topic.MODEL, Topic.PLAN, Topic.HEALTH)
 QUEUED = (Topic.OBSERVATIONS, Topic.LOG)
 _LOOK_AROUND_S = 0.25
 _REOPEN_S = 5.0
+_UNASKED_S = 10.0
 _PRIORITY = {
     Topic.MODEL: zenoh.Priority.DATA_LOW,
     Topic.OBSERVATIONS: zenoh.Priority.DATA_LOW,
@@ -34,23 +36,47 @@ class PublisherStatus:
     """How the way ashore is.
 
     Attributes:
-        enabled: whether any router was named to dial.
+        routers: how many were named to dial.
         connected: routers and peers we have a transport to.
         listened: whether anybody subscribes. Connected but never listened to may mean that the router's
             access control refuses us: it does so silently.
+        asked: how often somebody has asked for the latest since we are connected; who follows a vehicle does when it
+            appears.
+        unasked_s: for how long we have been listened to without being asked.
         published: messages handed to zenoh.
         dropped: messages thrown away because a queue was full, by topic's name.
         refused: values that couldn't be encoded.
         error: why there is no session, None if there is one.
     """
 
-    enabled: bool
+    routers: int
     connected: int = 0
     listened: bool = False
+    asked: int = 0
+    unasked_s: float = 0.0
     published: int = 0
     dropped: dict[str, int] = field(default_factory=dict)
     refused: int = 0
     error: str | None = None
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong with the way ashore, or may be; empty if it is in use, or none was named."""
+        if self.error is not None:
+            return f"no way ashore: {self.error}"
+        if self.connected == 0:
+            return "not connected: no router answers, or it refuses us" if self.routers else ""
+        if not self.listened:
+            return (
+                "connected, and nobody listens: nobody is there, or the router lets nothing of ours through"
+            )
+        if self.unasked_s > _UNASKED_S:
+            return (
+                "connected, and nobody has asked for the latest: the router may let nothing of ours through"
+            )
+        if self.connected < self.routers:
+            return f"connected to {self.connected} of {self.routers} routers"
+        return ""
 
 
 class Publisher:
@@ -64,16 +90,23 @@ class Publisher:
         vehicle: name in the keys.
         connect: zenoh endpoints of the routers ashore. None named: nothing is opened, values are discarded.
         queue_limit: length of the two queues.
+        certificates: for routers dialled by tls/… or quic/….
 
     Raises:
         ValueError: an endpoint isn't one.
     """
 
-    def __init__(self, vehicle: str, connect: Sequence[str], queue_limit: int = 5000) -> None:
+    def __init__(
+        self,
+        vehicle: str,
+        connect: Sequence[str],
+        queue_limit: int = 5000,
+        certificates: Certificates | None = None,
+    ) -> None:
         if not wire.VEHICLE_NAME.fullmatch(vehicle):
             raise ValueError(f"vehicle name must match {wire.VEHICLE_NAME.pattern} (got {vehicle!r})")
         self._vehicle = vehicle
-        self._settings = session_settings("peer", connect=connect)
+        self._settings = session_settings("peer", connect=connect, certificates=certificates)
         self._connect = list(connect)
         self._changed = threading.Condition()
         self._slots: dict[Topic, Any] = {}
@@ -81,7 +114,9 @@ class Publisher:
         self._dropped = {topic.value: 0 for topic in QUEUED}
         self._stopping = False
         self._last: dict[Topic, bytes] = {}
-        self._status = PublisherStatus(enabled=bool(self._connect))
+        self._asked = 0
+        self._unasked_since: float | None = None
+        self._status = PublisherStatus(routers=len(self._connect))
         self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
 
     @property
@@ -201,6 +236,7 @@ class Publisher:
 
     def _answer(self, query: zenoh.Query) -> None:
         """The last model, plan and health, for somebody who has just come; runs in zenoh's thread."""
+        self._asked += 1
         with query:
             for topic, payload in list(self._last.items()):
                 name = wire.key(self._vehicle, topic)
@@ -215,7 +251,15 @@ class Publisher:
             # A router whose access control refuses us does so silently: it looks like nobody listening.
             audience = "somebody listens" if listened else "nobody listens yet"
             log.info("shore: %s", f"connected, {audience}" if connected else "not connected; dialling on")
-        self._set_status(connected=connected, listened=listened)
+        if not connected:
+            self._asked = 0
+        if not listened or self._asked:
+            self._unasked_since = None
+        elif self._unasked_since is None:
+            self._unasked_since = time.monotonic()
+        since = self._unasked_since
+        unasked_s = 0.0 if since is None else time.monotonic() - since
+        self._set_status(connected=connected, listened=listened, asked=self._asked, unasked_s=unasked_s)
 
     def _set_status(self, **changes: Any) -> None:
         with self._changed:

@@ -114,7 +114,8 @@ def test_nobody_named_to_dial_nothing_opened():
     boat.start()
     boat.publish(Topic.LOG, wire.LogNotice("info", "hello"))
     assert threading.active_count() == threads
-    assert not boat.status.enabled
+    assert boat.status.routers == 0
+    assert boat.status.trouble == ""
     assert boat.stop()
 
 

@@ -1,0 +1,184 @@
+"""Signing on the link to the vehicle, and what of it must outlive the process: timestamps that are not used again.
+
+A thread of its own writes them: the control loop does not wait for the disk.
+"""
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from autonomy.config import Configuration
+from autonomy.mavlink.signing import (
+    LARGEST_TIMESTAMP,
+    MAXIMUM_STREAMS,
+    Pledge,
+    Signing,
+    SigningKey,
+    read_key,
+    told,
+)
+from autonomy.shell.checkpoint import write_atomically
+from autonomy.shell.state_directory import state_directory
+
+log = logging.getLogger(__name__)
+
+FILE_NAME = "signing.json"
+_MAXIMUM_BYTES = 2**16
+
+
+class SignedLink:
+    """The signing of one run, its timestamps kept in a file.
+
+    Args:
+        key: of the link.
+        link_id: of our packets.
+        file: where timestamps are kept; its folder is made. None: nowhere.
+        unkept: why they are not, if they are not.
+        utc_s: the wall clock.
+
+    Raises:
+        OSError: the file can't be written.
+    """
+
+    def __init__(
+        self,
+        key: SigningKey,
+        link_id: int,
+        file: Path | None,
+        unkept: str = "",
+        utc_s: Callable[[], float] = time.time,
+    ) -> None:
+        self._file = file
+        self._unkept = unkept
+        self._trouble = ""
+        self._waiting: Pledge | None = None
+        self._closing = False
+        self._changed = threading.Condition()
+        self._told = 0
+        self.signing = Signing(key, utc_s, link_id, None if file is None else self._load(file))
+        self._thread = threading.Thread(target=self._work, name="signing", daemon=True)
+        if file is not None:
+            # Before the first packet: a run that is killed early has used timestamps too.
+            file.parent.mkdir(parents=True, exist_ok=True)
+            self._last = self.signing.pledge()
+            write_atomically(file, _encode(self._last))
+            self._thread.start()
+
+    @property
+    def report(self) -> str:
+        """What was refused, and what is wrong with keeping the timestamps; empty if nothing is."""
+        unkept = self._trouble or self._unkept
+        kept = unkept and f"signing timestamps are not kept: {unkept}"
+        return "; ".join(filter(None, (told(self.signing.refused), kept)))
+
+    def tend(self) -> None:
+        """Have written what must be, and say what was refused; once a second and after every packet that is due."""
+        total = sum(self.signing.refused.values())
+        if total and (not self._told or total >= 10 * self._told):
+            log.warning(
+                "MAVLink packets that are not signed as they should be: %s", told(self.signing.refused)
+            )
+            self._told = total
+        if self._file is None:
+            return
+        pledge = self.signing.pledge()
+        if pledge == self._last and not self._trouble:
+            return
+        self._last = pledge
+        with self._changed:
+            self._waiting = pledge
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Write what waits, and end."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _load(self, file: Path) -> Pledge | None:
+        try:
+            with file.open("rb") as stream:
+                data = stream.read(_MAXIMUM_BYTES + 1)
+            return _decode(data)
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            log.error("%s can't be read: packets of earlier runs may be replayed: %s", file, error)
+            return None
+
+    def _work(self) -> None:
+        assert self._file is not None
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting is not None or self._closing)
+                pledge, self._waiting = self._waiting, None
+            if pledge is None:
+                return
+            try:
+                write_atomically(self._file, _encode(pledge))
+            except OSError as error:
+                if str(error) != self._trouble:
+                    log.error("signing timestamps can't be kept: %s", error)
+                self._trouble = str(error)
+            else:
+                self._trouble = ""
+
+
+def open_signed_link(configuration: Configuration, environment: Mapping[str, str]) -> SignedLink | None:
+    """The signing that the configuration asks for, if any; its timestamps go into the service's state directory.
+
+    Where they can't be kept the link is signed all the same, and the report says so.
+
+    Raises:
+        KeyFileError: there is no usable key.
+    """
+    section = configuration.mavlink.signing
+    key = read_key(section, environment)
+    if key is None:
+        return None
+    try:
+        file = state_directory(configuration.vehicle.name, environment) / FILE_NAME
+        return SignedLink(key, section.link_id, file)
+    except OSError as error:
+        problem = f"{error.filename}: {error.strerror}"
+    except ValueError as error:
+        problem = str(error)
+    log.error("signing timestamps can't be kept: %s", problem)
+    return SignedLink(key, section.link_id, None, problem)
+
+
+def _encode(pledge: Pledge) -> bytes:
+    streams = [[*stream, last] for stream, last in pledge.streams.items()]
+    return json.dumps({"version": 1, "timestamp": pledge.timestamp, "streams": streams}).encode()
+
+
+def _decode(data: bytes) -> Pledge:
+    """The pledge in a file's bytes; ValueError if there is none."""
+    if len(data) > _MAXIMUM_BYTES:
+        raise ValueError(f"it has more than {_MAXIMUM_BYTES} bytes")
+    try:
+        content = json.loads(data)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+    match content:
+        case {"version": 1, "timestamp": int() as timestamp, "streams": list() as rows}:
+            streams = {(link, system, component): last for link, system, component, last in map(_row, rows)}
+            if 0 <= timestamp <= LARGEST_TIMESTAMP and len(streams) <= MAXIMUM_STREAMS:
+                return Pledge(timestamp, streams)
+    raise ValueError("it holds no timestamps of ours")
+
+
+def _row(row: object) -> tuple[int, int, int, int]:
+    match row:
+        case [int() as link, int() as system, int() as component, int() as last]:
+            if (
+                all(0 <= number <= 255 for number in (link, system, component))
+                and 0 <= last <= LARGEST_TIMESTAMP
+            ):
+                return link, system, component, last
+    raise ValueError("it holds no timestamps of ours")
