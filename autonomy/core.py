@@ -416,6 +416,7 @@ class Core:
             remainder_m=departure.remainder_m,
             remainder_is_spot=departure.remainder_is_spot,
             measured=self._learner.history.cells() if len(self._learner.history) else None,
+            roughness=self._learner.roughness.frozen() if len(self._learner.roughness) else None,
             sample_spacing_m=configuration.sampling.spacing_m,
             speed_mps=self._helm.pace_mps,
             model_version=self._learner.samples if self._learner.born else None,
@@ -466,4 +467,5 @@ def _learner(configuration: Configuration, survey: SurveyArea) -> Learner:
         area_m2=survey.area_m2,
         budget=Budget(model.memory_mb, model.update_us),
         transform=transform_of(configuration.sensor),
+        budget_m=configuration.budget.distance_m,
     )

@@ -72,7 +72,7 @@ class Helm:
         self.authority = _authority(configuration)
         self.dispatch = MissionDispatch(self.authority)
         self._track = Track()
-        self._pace = Pace()
+        self._pace = Pace(configuration.budget.speed_mps)
         self._streams: StreamRequests | None = None
         self._heartbeat_due = 0.0
         self._conversing = False

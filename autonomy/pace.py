@@ -6,13 +6,10 @@ MEMORY_S = 120.0
 """Model time over which the speed is averaged: a few legs, so that corners count for what they cost."""
 
 
-USUAL_MPS = 1.5
-
-
 class Pace:
     """The mean speed over ground of the last minutes under way; `usual_mps` until there were any."""
 
-    def __init__(self, usual_mps: float = USUAL_MPS) -> None:
+    def __init__(self, usual_mps: float) -> None:
         self._usual_mps = usual_mps
         self._mean_mps = 0.0
         self._known_s = 0.0

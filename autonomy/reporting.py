@@ -237,7 +237,7 @@ def _lead(choice: Choice) -> str:
 def _worth(plan: Plan) -> str:
     """What a plan is made of and promises: "20 spots, 12.3 km, 4.53 nats, route 0.71 after 0.80, expected rmse 0.2"."""
     parts = [f"{len(plan.spots_m)} spots", f"{plan.length_m / 1e3:.1f} km"]
-    if math.isfinite(plan.mutual_information):
+    if plan.mutual_information > 0.0:
         parts.append(f"{plan.mutual_information:.2f} nats")
     if plan.objective_after is not None:
         before = "" if plan.objective_before is None else f" after {plan.objective_before:.4g}"

@@ -17,6 +17,7 @@ from autonomy.learning.kernel import Hyperparameters, Kernel
 from autonomy.learning.lookahead import DISTANCES_PER_SPAN, Lookahead
 from autonomy.learning.numbers import FloatArray, positive_variance
 from autonomy.learning.rebuild import Build, Reestimate, ReestimateRequest
+from autonomy.learning.roughness import Roughness
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 from autonomy.learning.structures import STRUCTURES, Scales
 from autonomy.learning.transform import Identity, Transform
@@ -38,7 +39,8 @@ class Learner:
     None: chosen for `area_m2` of water (None: all of the span's square) within `budget`, anew with every
     re-estimate. `novelty`, `jitter`: see `SparseOnlineGP`. Readings pass through `transform`; history and
     model are in its latent units. `calibration` holds what was predicted of each reading against it, `ahead`
-    what was predicted of some from afar; both since the kernel last changed.
+    what was predicted of some from afar; both since the kernel last changed. `roughness` holds how the field
+    varies along the track; `budget_m` is how far the vessel will sail in all, if that is known.
 
     No call learns for long: birth and `adopt` leave what would take too long waiting, `behind` tells how
     much that is, and `catch_up` learns it slice by slice, in the order it came. Meanwhile everything may be
@@ -60,6 +62,7 @@ class Learner:
         area_m2: float | None = None,
         budget: Budget | None = None,
         transform: Transform | None = None,
+        budget_m: float | None = None,
     ) -> None:
         if centring_samples < 0:
             raise ValueError(f"centring_samples must not be negative, but is {centring_samples}")
@@ -76,6 +79,7 @@ class Learner:
         self.transform = transform or Identity()
         self.calibration = Calibration()
         self.ahead = Lookahead(span_m / DISTANCES_PER_SPAN)
+        self.roughness = Roughness(math.sqrt(area_m2 or span_m**2), budget_m)
         self.repairs = 0
         self._span_m = span_m
         self._build = Build(
@@ -158,6 +162,7 @@ class Learner:
         x = np.array(point, dtype=np.float64)
         latent = float(self.transform.forward(value))
         self.history.add(x, latent, time_s)
+        self.roughness.add(x, latent, time_s)
         reading = (self.samples, x, latent, float(time_s))
         if self._gp is None:
             self._collected.append(reading)

@@ -7,7 +7,7 @@ the shore, for there fronts and plumes are. All lengths but the metres of positi
 """
 
 import math
-from collections import OrderedDict, deque
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,7 +114,7 @@ class Roughness:
         self._last: tuple[float, float, float] | None = None
         self._track: deque[_Stretch] = deque(maxlen=2 * self._steps + 2)
         # Place -> Σ x, Σ y, Σ square, Σ noise share, how many.
-        self._cells: OrderedDict[tuple[int, int], FloatArray] = OrderedDict()
+        self._cells: dict[tuple[int, int], FloatArray] = {}
 
     def __len__(self) -> int:
         return len(self._cells)
@@ -178,7 +178,7 @@ class Roughness:
         place = math.floor(row[0] / cell_m), math.floor(row[1] / cell_m)
         if place not in self._cells:
             if len(self._cells) == self.maximum_cells:
-                self._cells.popitem(last=False)
+                del self._cells[next(iter(self._cells))]
             self._cells[place] = np.zeros(5)
         self._cells[place] += row
 
