@@ -9,12 +9,12 @@ import hashlib
 import math
 from collections.abc import Mapping
 from enum import Enum
-from typing import Any, Literal, NoReturn, get_args
+from typing import Any, Literal, get_args
 
 import cbor2
 import numpy as np
 
-from autonomy import jobs
+from autonomy import jobs, plain_cbor
 from autonomy.events import Event
 from autonomy.learning.choice import Choice
 from autonomy.learning.fitting import Fit
@@ -26,9 +26,9 @@ from autonomy.learning.spatial import SPATIAL
 from autonomy.learning.state import WhitenedState
 from autonomy.learning.temporal import TEMPORAL
 from autonomy.planning.plan import Plan
-from autonomy.wire import OBJECT_TAGS
 
 MAXIMUM_BYTES = 32 * 2**20
+_MAXIMUM_ITEMS = 200_000
 _DEPTH = 40
 
 # CBOR tags of our own, from the range that anybody may use.
@@ -145,26 +145,12 @@ def load_plain(data: bytes) -> Any:
     Raises:
         StructureError: it is anything else, or has a tag that stands for an object of CBOR's own.
     """
-    if len(data) > MAXIMUM_BYTES:
-        raise StructureError(f"must have at most {MAXIMUM_BYTES} bytes, not {len(data)}")
     try:
-        return cbor2.loads(
-            data,
-            semantic_decoders=_REFUSED,
-            max_depth=_DEPTH,
-            allow_indefinite=False,
-            allow_duplicate_keys=False,
-            strict_hashable_types=True,
+        return plain_cbor.load(
+            data, maximum_bytes=MAXIMUM_BYTES, maximum_items=_MAXIMUM_ITEMS, maximum_depth=_DEPTH
         )
-    except (cbor2.CBORDecodeError, ValueError, TypeError, OverflowError, MemoryError) as error:
-        raise StructureError(f"is not CBOR of ours: {error}") from None
-
-
-def _refuse(*_decoder: Any) -> NoReturn:
-    raise ValueError("this tag has no place here")
-
-
-_REFUSED = dict.fromkeys(OBJECT_TAGS, _refuse)
+    except plain_cbor.CBORError as error:
+        raise StructureError(str(error)) from None
 
 
 def _tree(value: Any) -> Any:

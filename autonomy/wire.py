@@ -8,10 +8,12 @@ from typing import Any
 import cbor2
 import numpy as np
 
+from autonomy import plain_cbor
 from autonomy.effects import Topic
 from autonomy.learning import snapshot
 from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.field_model import FieldModel
+from autonomy.plain_cbor import OBJECT_TAGS
 from autonomy.wire_rules import (
     FLOAT64_TAG,
     MAXIMUM_KERNEL,
@@ -31,6 +33,7 @@ from autonomy.wire_rules import (
 __all__ = [
     "MAXIMUM_BYTES",
     "MAXIMUM_OBSERVATIONS",
+    "OBJECT_TAGS",
     "VEHICLE_NAME",
     "VERSION",
     "HealthNotice",
@@ -53,8 +56,7 @@ __all__ = [
 VERSION = 2
 MAXIMUM_BYTES = 16 * 2**20
 
-OBJECT_TAGS = (*range(6), 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000, 55799)
-"""Every tag that cbor2 would turn into an object of its own: dates, regular expressions, shared references …"""
+_MAXIMUM_ITEMS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,27 +328,13 @@ def decode(topic: Topic, payload: bytes) -> Received:
             return LogNotice(**values)
 
 
-def _refuse(_decoder: Any, *_rest: Any) -> Any:
-    raise ValueError("this tag has no place here")
-
-
-_SEMANTIC_DECODERS = dict.fromkeys(OBJECT_TAGS, _refuse)
-
-
 def _parse(topic: Topic, payload: bytes) -> dict[str, Any]:
-    if len(payload) > MAXIMUM_BYTES:
-        raise WireError(f"{topic.value}: must have at most {MAXIMUM_BYTES} bytes (got {len(payload)})")
     try:
-        content = cbor2.loads(
-            payload,
-            semantic_decoders=_SEMANTIC_DECODERS,
-            max_depth=4,
-            allow_indefinite=False,
-            allow_duplicate_keys=False,
-            strict_hashable_types=True,
+        content = plain_cbor.load(
+            payload, maximum_bytes=MAXIMUM_BYTES, maximum_items=_MAXIMUM_ITEMS, maximum_depth=4
         )
-    except (cbor2.CBORDecodeError, ValueError, OverflowError, MemoryError) as error:
-        raise WireError(f"{topic.value}: is not CBOR: {error}") from None
+    except plain_cbor.CBORError as error:
+        raise WireError(f"{topic.value}: {error}") from None
     if not isinstance(content, dict):
         raise WireError(f"{topic.value}: must be a map (got {brief(content)})")
     return content

@@ -31,6 +31,7 @@ import numpy as np
 import zstandard
 from scipy.linalg import solve_triangular
 
+from autonomy import plain_cbor
 from autonomy.learning.basis import prior_factors
 from autonomy.learning.field_model import FieldModel, field_coordinates
 from autonomy.learning.kernel import Component, Kernel
@@ -44,6 +45,8 @@ VERSION = 2
 # A thousand coordinates take 2 MB; anything beyond this is not a model.
 MAXIMUM_BYTES = 16 * 1024 * 1024
 MAXIMUM_STATES = 2000
+_MAXIMUM_ITEMS = 10_000
+_MAXIMUM_DEPTH = 8
 _MAXIMUM_COMPONENTS = 8
 _MAXIMUM_DIMENSIONS = 8
 # How far eigenvalues of I − S may leave [0, 1]: rounding takes a hundredth of it.
@@ -158,8 +161,10 @@ def _unpack(data: bytes) -> dict[str, Any]:
     except zstandard.ZstdError as error:
         raise SnapshotError(f"compressed frame: {error}") from error
     try:
-        document = cbor2.loads(plain)
-    except (cbor2.CBORDecodeError, ValueError, TypeError, OverflowError, RecursionError) as error:
+        document = plain_cbor.load(
+            plain, maximum_bytes=MAXIMUM_BYTES, maximum_items=_MAXIMUM_ITEMS, maximum_depth=_MAXIMUM_DEPTH
+        )
+    except plain_cbor.CBORError as error:
         raise SnapshotError(f"CBOR: {error}") from error
     if not isinstance(document, dict):
         raise SnapshotError(f"CBOR: a map was expected, not {type(document).__name__}")
