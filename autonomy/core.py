@@ -156,7 +156,10 @@ class Core:
         if Command.OBSERVED in (begun, self._helm.authority.command):
             # Whether we may command at all is for this run's configuration to say.
             self._helm.authority.command = begun
-        fault = self._learner.gp.check() if self._learner.born else None
+        try:
+            fault = self._learner.gp.check() if self._learner.born else None
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            raise UnfitMemoryError(f"there is no model: {error}") from error
         if fault is not None:
             raise UnfitMemoryError(f"the model is broken: {fault}")
 
