@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from autonomy.config import BudgetSection
 from autonomy.consumption import Meter, MetreCost
 from autonomy.geometry import FloatArray
+from autonomy.mavlink.telemetry import VehicleState
 
 DISTANCE, DURATION, ENERGY = range(3)
 """Columns of everything here that counts limits: metres over ground, seconds of model time, joules."""
@@ -58,6 +59,22 @@ class Reading:
     charge: float | None = None
     is_sailing: bool = True
 
+    @classmethod
+    def of(
+        cls, vehicle: VehicleState, point_m: FloatArray, sailed_m: float, *, is_sailing: bool
+    ) -> "Reading":
+        """From the vehicle as last heard."""
+        return cls(
+            time_s=vehicle.model_time_s or 0.0,
+            point_m=point_m,
+            sailed_m=sailed_m,
+            consumed_j=vehicle.battery_consumed_j,
+            drawn_c=vehicle.battery_drawn_c,
+            voltage_v=vehicle.battery_voltage_v,
+            charge=vehicle.battery_remaining,
+            is_sailing=is_sailing,
+        )
+
 
 class Budget:
     """The ledger of one survey, and the price of its legs.
@@ -81,8 +98,7 @@ class Budget:
     @property
     def is_limited(self) -> bool:
         """Whether anything here can ever bring the boat home."""
-        charges = (self._section.low_battery, self._section.critical_battery)
-        return bool(np.isfinite(self._limits).any()) or any(charge is not None for charge in charges)
+        return self._section.is_limited
 
     @property
     def has_begun(self) -> bool:

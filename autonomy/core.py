@@ -11,12 +11,14 @@ from enum import Enum
 from typing import Any
 
 from autonomy import jobs
+from autonomy.budget import Reading, Stage
 from autonomy.config import Configuration
 from autonomy.course import Course
 from autonomy.effects import Effect, Level, SendMessage, StartJob
 from autonomy.events import Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived, StopRequested
 from autonomy.exploration import Decision, Exploration, Figures, Trigger
 from autonomy.helm import Helm
+from autonomy.homeward import Homeward, Sailing
 from autonomy.learning.capacity import Budget
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
@@ -50,6 +52,7 @@ class State(Enum):
     EXPLORING = "exploring"
     YIELDED = "yielded"
     RETURNING = "returning"
+    FINISHED = "finished"
     OBSERVING = "observing"
 
 
@@ -85,6 +88,7 @@ class Core:
         self._exploration = Exploration(configuration.exploration)
         self._reporter = Reporter(configuration, survey, self._helm.telemetry, self._learner)
         self._course = Course(configuration, self._helm, self._seaway, self._reporter)
+        self._homeward = Homeward(configuration, survey)
         self._effects: list[Effect] = []
         self._job: _Job | None = None
         self._jobs_started = 0
@@ -251,10 +255,14 @@ class Core:
     def _adopt(self, now: float, plan: Plan) -> None:
         try:
             plan = self._course.joined(plan)
+            plan = self._homeward.fitted(plan, self._helm.position_m, self._seaway.water)
         except Unreachable as error:
             self._postpone(now, f"the new plan can't be joined: {error}")
             return
         self._failed_in_a_row, self._owed = 0, None
+        self._bring_on_board(now, plan)
+
+    def _bring_on_board(self, now: float, plan: Plan) -> None:
         self._plans += 1
         self._course.offer(now, plan)
         self._reporter.planned(plan, self._plans)
@@ -293,6 +301,7 @@ class Core:
         if refusal is not None:
             self._postpone(now, f"the plan is given up: {refusal}")
         self._watch_water()
+        self._watch_budget(now)
         self._look(now)
         self._course.watch(now)
         decision = self._decide(now)
@@ -333,6 +342,39 @@ class Core:
             self._replan(Trigger.STALLED)
         self._seaway.refresh(time_s)
 
+    def _watch_budget(self, now: float) -> None:
+        """Mind what distance, time and energy are left; turn the vessel homeward when they ask for it."""
+        helm, homeward = self._helm, self._homeward
+        vehicle, active = helm.state, helm.dispatch.active
+        if not homeward.is_limited or vehicle is None or helm.position_m is None:
+            return
+        homeward.told_home(
+            None if vehicle.home_deg is None else self._survey.frame.to_local(*vehicle.home_deg)
+        )
+        is_sailing = helm.sailing_ours and not helm.path_finished
+        reading = Reading.of(vehicle, helm.position_m, helm.distance_m, is_sailing=is_sailing)
+        homeward.follow(reading, armed=vehicle.armed, commanded=helm.authority.in_command)
+        if active is not None and helm.sailing_ours:
+            self._head_home(now, Sailing(active.plan, helm.remaining_route_m(), helm.path_finished))
+        for note in homeward.take_notes():
+            self._reporter.log(Level.WARNING if note.is_warning else Level.INFO, note.text)
+            if note.is_warning:
+                self._send(helm.warn(f"halocline: {note.text}", critical=homeward.stage is Stage.CRITICAL))
+
+    def _head_home(self, now: float, sailing: Sailing) -> None:
+        try:
+            plan = self._homeward.watch(
+                self._helm.model_time_s, sailing, self._seaway.water, self._helm.pace_mps
+            )
+        except Unreachable as error:
+            self._homeward.cannot(str(error))
+            return
+        on_its_way = self._helm.dispatch.on_its_way
+        if plan is not None and (on_its_way is None or not on_its_way.home_corners):
+            self._bring_on_board(now, plan)
+        if self._homeward.may_be_sent_home:
+            self._helm.authority.return_cause = self._homeward.reason
+
     def _replan(self, trigger: Trigger) -> None:
         """A new plan is wanted as soon as one can be made."""
         self._owed = Decision(trigger, False, trigger.value)
@@ -365,6 +407,10 @@ class Core:
             reason += "" if hindrance is None else f", but {hindrance}"
         if authority.command is not Command.OURS:
             return _STATES[authority.command], reason
+        if self._homeward.is_finished:
+            return State.FINISHED, self._homeward.reason
+        if self._homeward.is_returning:
+            return State.RETURNING, self._homeward.reason or "the way home is what is left of the budget"
         if now - max(self._heard_reading, self._exploring_since) > SILENT_SENSOR_S:
             reason += f", but no reading named {self._configuration.sensor.message_name} comes in"
         return State.EXPLORING, reason
@@ -378,10 +424,16 @@ class Core:
             return None
         if helm.unread is not None or self._seaway.problem is not None:
             return None
+        if self._homeward.reason and helm.authority.survey_started:
+            return None
         if helm.dispatch.active is None or not helm.authority.survey_started:
             return Decision(Trigger.FIRST_PLAN, False, Trigger.FIRST_PLAN.value)
         if not helm.sailing_ours:
             return Decision(Trigger.DAMAGED, False, Trigger.DAMAGED.value)
+        if self._homeward.has_room:
+            return Decision(Trigger.ROOM, False, Trigger.ROOM.value)
+        if self._homeward.is_returning:
+            return None
         return self._exploration.decide(self._figures()) or self._owed
 
     def _figures(self) -> Figures:
@@ -408,6 +460,7 @@ class Core:
             # In the paper every new path begins with rho = 0, re-estimate or not.
             self._learner.mark()
         departure = self._course.begin(reestimates=decision.reestimate)
+        budget_m, home_m = self._homeward.bounds(self._helm.position_m, departure.start_m, self._seaway.water)
         plan = PlanRequest(
             model=self._learner.model(self._helm.model_time_s),
             start_m=departure.start_m,
@@ -422,6 +475,8 @@ class Core:
             roughness=self._learner.roughness.frozen() if len(self._learner.roughness) else None,
             sample_spacing_m=configuration.sampling.spacing_m,
             speed_mps=self._helm.pace_mps,
+            budget_m=budget_m,
+            home_m=home_m,
             model_version=self._learner.samples if self._learner.born else None,
         )
         self._job = _Job(self._jobs_started, decision, now)

@@ -50,7 +50,7 @@ class Departure:
 
     Attributes:
         start_m: shape (2,).
-        remainder_m: shape (k, 2), corners of the present plan that come after it.
+        remainder_m: shape (k, 2), corners of the present plan that come after it, the way home apart.
         remainder_is_spot: shape (k,).
         mission: what is sailed until then; None if it is none of ours.
         row: the corner of its plan that the start lies before.
@@ -139,7 +139,8 @@ class Course:
         rest, route_m = self._rest(), self._helm.remaining_route_m()
         if rest is None or len(route_m) < 2:
             return
-        if self._seaway.water.approach_is_clear(route_m[0], route_m[1]):
+        is_last = len(route_m) == 2 and rest.home_corners > 0
+        if self._seaway.may_sail(route_m[0], route_m[1], home=is_last):
             if now >= self._stretch_due and self._stretch_ends():
                 self._stretch_due = now + STRETCH_RETRY_S
                 self._reporter.log(Level.INFO, f"the next stretch: {len(rest.route_m)} corners are left")
@@ -159,16 +160,17 @@ class Course:
         route_m = self._helm.remaining_route_m()
         if self._helm.path_finished or len(route_m) < 2:
             rest = None if self._helm.path_finished else self._rest()
-            corners_m = np.empty((0, 2)) if rest is None else rest.route_m
-            spots = np.empty(0, dtype=bool) if rest is None else rest.is_spot
+            corners_m = np.empty((0, 2)) if rest is None else rest.route_m[: rest.survey_corners]
+            spots = np.empty(0, dtype=bool) if rest is None else rest.is_spot[: rest.survey_corners]
             return self._within_water(Departure(route_m[0], corners_m, spots, None, 0))
         mission = self._helm.dispatch.active
         assert mission is not None
         legs = np.diff(route_m, axis=0)
         ends_m = np.cumsum(np.hypot(legs[:, 0], legs[:, 1]))
         row = len(mission.plan.route_m) - len(legs) + int(np.searchsorted(ends_m, reach_m))
-        start_m, is_spot = advance_along(route_m, reach_m), mission.plan.is_spot[row:]
-        return self._within_water(Departure(start_m, mission.plan.route_m[row:], is_spot, mission, row))
+        start_m, survey = advance_along(route_m, reach_m), slice(row, mission.plan.survey_corners)
+        remainder_m, is_spot = mission.plan.route_m[survey], mission.plan.is_spot[survey]
+        return self._within_water(Departure(start_m, remainder_m, is_spot, mission, row))
 
     def _within_water(self, departure: Departure) -> Departure:
         """Without corners in water that has been closed since they were planned."""

@@ -96,6 +96,12 @@ class MissionDispatch:
         return self._sending is not None or self._waiting is not None
 
     @property
+    def on_its_way(self) -> Plan | None:
+        """The plan that waits to be brought on board, or is being; None if there is none."""
+        next_one = self._waiting or self._sending
+        return None if next_one is None else next_one.plan
+
+    @property
     def talking(self) -> bool:
         """Whether a conversation about the mission is going on."""
         return self._machine is not None

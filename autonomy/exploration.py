@@ -23,6 +23,7 @@ class Trigger(Enum):
     FENCE = "the autopilot's fence has changed"
     STALLED = "stalled"
     RESUMED = "the service was away"
+    ROOM = "more is left than the way home takes"
 
 
 @dataclass(frozen=True)

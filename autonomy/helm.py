@@ -187,6 +187,11 @@ class Helm:
         """A line to the operator's ground station; returns messages to send."""
         return [status_text(text)]
 
+    def warn(self, text: str, *, critical: bool = False) -> list[Any]:
+        """The same, louder: ground stations show it in colour, or say it aloud."""
+        severity = mavlink.MAV_SEVERITY_CRITICAL if critical else mavlink.MAV_SEVERITY_WARNING
+        return [status_text(text, severity)]
+
     def take_notes(self, now: float) -> list[Note]:
         """What happened, and what the autopilot wrote to its operator, since the last call, for the log."""
         return (
@@ -278,7 +283,8 @@ class Helm:
     def _ask_streams(self, now: float, route: Route, scale: float) -> list[Any]:
         sent = []
         if self._streams is None:
-            streams = wanted_streams(self._mavlink.position_rate_hz)
+            budget = self._configuration.budget
+            streams = wanted_streams(self._mavlink.position_rate_hz, battery=budget.is_limited)
             self._streams = StreamRequests(streams, route, time_scale=scale)
             sent += self._streams.start(now)
         return sent + self._streams.on_deadline(now)

@@ -12,17 +12,19 @@ spent:
 A vessel on its way home that has much more left than it needs (its guess was wrong) may get another plan.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from autonomy.budget import Budget, Reading, Stage
 from autonomy.config import Configuration
-from autonomy.geometry import FloatArray
+from autonomy.geometry import FloatArray, path_length_m
 from autonomy.notes import Note
 from autonomy.planning.passage import Unreachable, passage_of
 from autonomy.planning.plan import Plan
 from autonomy.planning.survey import SurveyArea
+from autonomy.seaway import is_free_of_land
 
 NAME = "home"
 """The planner of the plans that are nothing but the way home."""
@@ -90,6 +92,10 @@ class Homeward:
         """Why the vessel goes home, and no more plans are made; empty while it need not."""
         self.has_room = False
         """Whether the vessel is on its way home with so much left that another plan is worth making."""
+        self.is_returning = False
+        """Whether nothing but the way home is being sailed."""
+        self.may_be_sent_home = False
+        """Whether the autopilot may bring it home by itself: it is critical, and the straight way is free."""
         self.is_finished = False
         """Whether the survey has ended at home."""
 
@@ -117,7 +123,9 @@ class Homeward:
         if not (armed and commanded):
             return
         if self.is_finished and self._disarmed:
-            self.is_finished = self._disarmed = self.has_room = False
+            self.is_finished = self._disarmed = self.has_room = self.is_returning = self.may_be_sent_home = (
+                False
+            )
             self.stage, self.reason, self._begun_m = Stage.FINE, "", None
         if self._begun_m is None:
             self._begun_m = reading.point_m
@@ -152,6 +160,8 @@ class Homeward:
             self._note_once(
                 "no way over water leads home: the survey ends at the nearest place that one leads to"
             )
+        if not water.is_navigable(np.stack([here_m, home])).any() and is_free_of_land(here_m, home, water):
+            return np.stack([here_m, home])  # both in a harbour, say, outside the survey's area
         return passage.path(here_m, home)
 
     def plan(self, here_m: FloatArray, water: SurveyArea, reason: str) -> Plan:
@@ -160,7 +170,7 @@ class Homeward:
         is_spot = np.zeros(len(corners), dtype=bool)
         return Plan(here_m, corners, is_spot, 0.0, NAME, reason, home_corners=len(corners))
 
-    def fitted(self, plan: Plan, here_m: FloatArray, water: SurveyArea) -> Plan:
+    def fitted(self, plan: Plan, here_m: FloatArray | None, water: SurveyArea) -> Plan:
         """The plan, sailed from a point, as far as the budget allows; the way home follows where it is cut.
 
         Raises:
@@ -168,13 +178,16 @@ class Homeward:
         """
         if not self.is_limited:
             return plan
-        count = len(plan.route_m) - plan.home_corners
-        corners = np.concatenate([here_m.reshape(1, 2), plan.route_m[:count]])
+        here_m = plan.start_m if here_m is None else here_m
+        corners = np.concatenate([here_m.reshape(1, 2), plan.route_m[: plan.survey_corners]])
         spent = np.cumsum(np.concatenate([np.zeros((1, 3)), self.budget.costs(corners)]), axis=0)
         k = next((k for k in range(1, len(corners)) if not self._pays(spent[k], corners[k], water)), None)
         if k is None:
             return plan
-        return self._cut(plan, corners, spent, k, water)
+        cut = self._cut(plan, corners, spent, k, water)
+        if not cut.survey_corners and not self.reason:
+            self.reason = "what may still be spent is not enough for another leg"
+        return cut
 
     def watch(self, time_s: float, sailing: Sailing, water: SurveyArea, speed_mps: float) -> Plan | None:
         """A plan to bring on board instead of the mission being sailed, if the budget asks for one.
@@ -195,24 +208,42 @@ class Homeward:
         here_m = sailing.route_m[0]
         way = self.way(here_m, water)
         self._judge(way)
+        self.is_returning = sailing.is_homeward or bool(self.reason)
+        self.may_be_sent_home = self.stage is Stage.CRITICAL and len(way) == 2 and self._fixed_m is None
         if self.reason:
             return None if sailing.is_homeward else self.plan(here_m, water, self.reason)
         self.has_room = sailing.is_homeward and self.budget.room(way) > ENOUGH_ROOM
         return self._next_leg(sailing, water, speed_mps)
 
-    def spent(self, plan: Plan) -> bool:
-        """Whether a fitted plan is nothing but the way home: then no other will be asked for."""
-        is_spent = plan.home_corners == len(plan.route_m)
-        if is_spent and not self.reason:
-            self.reason = "what may still be spent is not enough for another leg"
-        return is_spent
+    def bounds(
+        self, here_m: FloatArray | None, start_m: FloatArray, water: SurveyArea
+    ) -> tuple[float | None, FloatArray | None]:
+        """For a planner: metres that may be sailed from a plan's start on, and where it must be able to end, (2,).
+
+        None and None where there is no limit by the metre, or no way home.
+        """
+        metres = self.budget.metres()
+        if not math.isfinite(metres):
+            return None, None
+        try:
+            way = self.way(start_m, water)
+        except Unreachable as error:
+            self.cannot(str(error))
+            return metres, None
+        ahead_m = 0.0 if here_m is None else float(np.hypot(*(start_m - here_m)))
+        margin_m = (self._section.home_margin + CUT_MARGIN - 1.0) * path_length_m(way)
+        return max(0.0, (metres - ahead_m - margin_m) / DETOUR), way[-1]
+
+    def cannot(self, problem: str) -> None:
+        """There is no way home: said once."""
+        self._note_once(f"the way home is not known: {problem}")
 
     def _judge(self, way: FloatArray) -> None:
         stage, why = self.budget.stage(way)
         if stage <= self.stage:
             return
         self.stage, self.has_room = stage, False
-        self.reason = f"{why}: {'critical' if stage is Stage.CRITICAL else 'low'}"
+        self.reason = f"{stage.name.lower()}: {why}"
         self._note(f"the boat goes home: {self.reason}", is_warning=True)
 
     def _next_leg(self, sailing: Sailing, water: SurveyArea, speed_mps: float) -> Plan | None:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import shapely
 
 from autonomy.config import Configuration
 from autonomy.geometry import FloatArray
@@ -16,6 +17,11 @@ from autonomy.stall import GivenUp
 
 LEAST_GIVEN_UP_M = 25.0
 """About a waypoint that the boat stalled before, at least."""
+
+
+def is_free_of_land(here_m: FloatArray, there_m: FloatArray, water: SurveyArea) -> bool:
+    """Whether a straight leg touches neither land nor keep-out, wherever it lies."""
+    return not shapely.intersects(water.obstacles, shapely.linestrings([here_m, there_m]))
 
 
 class Seaway:
@@ -73,6 +79,12 @@ class Seaway:
         if len(route_m) < 2:
             return bool(water.is_navigable(route_m).all())
         return bool(water.legs_are_clear(route_m[:-1], route_m[1:]).all())
+
+    def may_sail(self, here_m: FloatArray, corner_m: FloatArray, *, home: bool = False) -> bool:
+        """Whether no land lies before the vessel on its way to a corner; only home may lie outside the survey."""
+        if home:
+            return is_free_of_land(here_m, corner_m, self.water)
+        return self.water.approach_is_clear(here_m, corner_m)
 
     def _is_free(self, here: FloatArray, corner: FloatArray) -> bool:
         """Whether the vessel may sail straight to a corner; from within the stand-off only land can forbid it."""

@@ -500,7 +500,10 @@ class EstimationSection(Section):
     )
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Nobody knows when a basis vector's reading was taken."""
+        """Nobody knows when a basis vector's reading was taken; a kernel is fitted once."""
+        twice = next((name for name in self.candidates if self.candidates.count(name) > 1), None)
+        if twice is not None:
+            yield Conflict(("candidates",), f"names {twice} more than once", "each kernel once")
         moving = [name for name in self.candidates if name in _MOVING]
         if self.data == "basis" and moving:
             what = f"basis tells no times, which {moving[0]} in estimation.candidates needs"
@@ -631,8 +634,8 @@ class BudgetSection(Section):
         ge=1,
         le=3,
         allow_inf_nan=False,
-        description="no leg is begun unless the way home from its end could be paid this many times after it; with half "
-        "of this margin the boat turns back (stage low), without any it is critical",
+        description="no leg is begun unless the way home from its end could be paid this many times after it; with "
+        "half of this margin the boat turns back (stage low), without any it is critical",
     )
     low_battery: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] | None = Field(
         default=None,
@@ -649,6 +652,12 @@ class BudgetSection(Section):
         description="where the survey ends; null: the autopilot's home position, or where the survey began",
         json_schema_extra={"unit": "degrees", "allowed": "[latitude, longitude], or null"},
     )
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether anything here can ever bring the boat home."""
+        limits = (self.distance_m, self.duration_s, self.energy_wh, self.low_battery, self.critical_battery)
+        return any(limit is not None for limit in limits)
 
     def conflicts(self) -> Iterator[Conflict]:
         """Energy must be known by the metre; what is critical is also low."""

@@ -73,7 +73,7 @@ class Event(Enum):
     READY_IN_AUTO = "in AUTO, disarmed, sure of its position, our mission verified on board"
     DISARMED = "in AUTO, disarmed"
     OTHERS = "in AUTO, armed, with a mission on board that is somebody else's, or none"
-    LOW = "in AUTO, armed, our mission, and the battery has fallen to the share with which it shall return"
+    LOW = "in AUTO, armed, our mission, and it shall return: the battery has fallen to that share, or the budget"
     OURS = "in AUTO, armed, our mission (or `adopt`, and it never was ours)"
     UNCERTAIN = "in AUTO, armed, the mission on board not read, or damaged by an upload of ours"
 
@@ -116,7 +116,7 @@ _UNDER_WAY = "in AUTO under our mission"
 _UNSURE = "in AUTO, but {on_board}"
 _MISSION = "{on_board}"
 _HOME = "on its way home ({mode})"
-_SENDING = "the battery is at {battery}: the boat is told to return"
+_SENDING = "{cause}: the boat is told to return"
 
 TABLE: Mapping[tuple[Command, Event], Rule] = {
     # Before the survey was started: a mission waits on board, or we wait for leave to put one there.
@@ -266,6 +266,8 @@ class Authority:
         self._ever_taken = False
         self._ever_sent_home = False
         self._ever_armed = False
+        self.return_cause: str | None = None
+        """Why the boat shall return whatever its battery says; None: it need not."""
         self.command = Command.OBSERVED if mode == "observe" else Command.BEFORE_START
         self.action = Action.LISTEN
         self.on_board = OnBoard.UNREAD
@@ -378,7 +380,11 @@ class Authority:
 
     def _under_way(self, state: VehicleState) -> Event:
         remaining = state.battery_remaining
-        if self._return_battery is None or remaining is None or self._ever_sent_home:
+        if self._ever_sent_home:
+            return Event.OURS
+        if self.return_cause is not None:
+            return Event.LOW
+        if self._return_battery is None or remaining is None:
             return Event.OURS
         return Event.LOW if remaining <= self._return_battery else Event.OURS
 
@@ -409,7 +415,7 @@ class Authority:
             mode=mode_name(state.mode),
             disarmed="" if state.armed else ", disarmed",
             on_board=self._refusal(),
-            battery="an unknown charge" if battery is None else f"{battery:.0%}",
+            cause=self.return_cause or f"the battery is at {battery or 0.0:.0%}",
         )
 
 

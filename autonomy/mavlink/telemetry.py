@@ -64,6 +64,12 @@ class VehicleState:
     battery_voltage_v: float | None = None
     battery_remaining: float | None = None
     """Share of the charge that is left, 0 to 1."""
+    battery_consumed_j: float | None = None
+    """Energy drawn since the autopilot started."""
+    battery_drawn_c: float | None = None
+    """Charge drawn since then, in coulombs."""
+    home_deg: tuple[float, float] | None = None
+    """Latitude and longitude of the place that it returns to."""
     reboots: int = 0
     """How often the vehicle's clock started again."""
     heartbeats: int = 0
@@ -124,6 +130,7 @@ class Telemetry:
             "MISSION_ITEM_REACHED": self._on_reached,
             "SYS_STATUS": self._on_sys_status,
             "BATTERY_STATUS": self._on_battery,
+            "HOME_POSITION": self._on_home,
             "STATUSTEXT": self._on_text,
         }
 
@@ -319,8 +326,21 @@ class Telemetry:
         return []
 
     def _on_battery(self, now: float, message: Any) -> list[Observation]:
-        if message.id == 0 and message.battery_remaining >= 0:
-            self._update(battery_remaining=message.battery_remaining / 100)
+        if message.id != 0:
+            return []
+        # -1 is unknown; energy comes in hectojoules, charge in mAh.
+        told = {
+            "battery_remaining": message.battery_remaining / 100,
+            "battery_consumed_j": message.energy_consumed * 100.0,
+            "battery_drawn_c": message.current_consumed * 3.6,
+        }
+        self._update(**{name: value for name, value in told.items() if value >= 0})
+        return []
+
+    def _on_home(self, now: float, message: Any) -> list[Observation]:
+        lat_deg, lon_deg = message.latitude * 1e-7, message.longitude * 1e-7
+        if (message.latitude, message.longitude) != (0, 0) and abs(lat_deg) <= 90 and abs(lon_deg) <= 180:
+            self._update(home_deg=(lat_deg, lon_deg))
         return []
 
     def _on_text(self, now: float, message: Any) -> list[Observation]:

@@ -47,6 +47,11 @@ class Plan:
     home_corners: int = 0
 
     @property
+    def survey_corners(self) -> int:
+        """How many of the route's corners are not the way home."""
+        return max(0, len(self.route_m) - self.home_corners)
+
+    @property
     def spots_m(self) -> FloatArray:
         """The sampling spots in sailing order, shape (n, 2)."""
         spots: FloatArray = self.route_m[np.asarray(self.is_spot, dtype=bool)]
