@@ -120,9 +120,9 @@ def replay(
     """
     begun = clock()
     header = run_header(folder, run)
-    chain = _chain(folder, run, header)
+    chain, left_out = _chain(folder, run, header)
     configuration, survey = read_configuration(header), read_survey_area(header)
-    repeat = _Replay(Core(configuration, survey), survey, tolerance, recompute=recompute)
+    repeat = _Replay(Core(configuration, survey), survey, tolerance, left_out, recompute=recompute)
     for number, last in chain:
         end = float(header["now"]) + until_s if number == run else math.inf
         repeat.take(_sound(folder, number, last), end)
@@ -174,37 +174,62 @@ def read_survey_area(header: dict[str, Any]) -> SurveyArea:
         raise JournalError(f"its survey area can't be read: {error}") from None
 
 
-def _chain(folder: Path, run: int, header: dict[str, Any]) -> list[tuple[int, float]]:
-    """The runs to replay and the last record of each, oldest first. Raises JournalError."""
+def _chain(
+    folder: Path, run: int, header: dict[str, Any]
+) -> tuple[list[tuple[int, float]], frozenset[Position]]:
+    """The runs to replay and the last record of each, oldest first; and what none of them was told. JournalError."""
     chain: list[tuple[int, float]] = [(run, math.inf)]
+    left_out: set[Position] = set()
     while header.get("resumed") is not None:
+        left_out |= _left_out(header, chain[0][0])
         match header["resumed"]:
             case [int() as before, int() as last] if before < chain[0][0]:
                 chain.insert(0, (before, last))
                 header = run_header(folder, before)
             case other:
                 raise JournalError(f"run {chain[0][0]} says that it went on from {str(other)[:80]}")
-    return chain
+    return chain, frozenset(left_out)
+
+
+def _left_out(header: dict[str, Any], run: int) -> set[Position]:
+    """The records of earlier runs that were quarantined when a run began."""
+    match header.get("left_out", []):
+        case [*rows] if all(isinstance(row, list) and list(map(type, row)) == [int, int] for row in rows):
+            return {Position(before, sequence) for before, sequence in rows}
+        case other:
+            raise JournalError(f"run {run} says that it has left out {str(other)[:80]}")
 
 
 def _sound(folder: Path, run: int, last: float) -> Iterator[Entry | Trouble]:
     """The records of a run up to one. Raises JournalError if the first is not there any more."""
-    begun = False
+    begun, reached = False, 0
     for part in read_entries(folder, Position(run, 0), run):
         if isinstance(part, Entry):
             if part.position.sequence > last:
                 return
-            begun = True
+            begun, reached = True, part.position.sequence
         elif not begun and part.lost and not part.torn:
             raise JournalError(f"run {run} can't be replayed, its beginning is gone: {part.text}")
         yield part
+    if reached < last < math.inf:
+        missing = int(last) - reached
+        yield Trouble(f"run {run} ends with record {reached}: {missing} records are missing", missing, False)
 
 
 class _Replay:
     """One core, its recorded events, and what it asks for."""
 
-    def __init__(self, core: Core, survey: SurveyArea, tolerance: float, *, recompute: bool) -> None:
+    def __init__(
+        self,
+        core: Core,
+        survey: SurveyArea,
+        tolerance: float,
+        left_out: frozenset[Position],
+        *,
+        recompute: bool,
+    ) -> None:
         self.outcome = Outcome(core)
+        self._left_out = left_out
         self._survey = survey
         self._tolerance = tolerance
         self._recompute = recompute
@@ -215,14 +240,15 @@ class _Replay:
 
     def take(self, parts: Iterator[Entry | Trouble], end: float) -> None:
         """Replay one run's records until protocol time `end`."""
-        self._effects, first = [], True
+        self._effects, first, told = [], True, True
         for part in parts:
             if isinstance(part, Trouble):
                 self._regret(part)
                 continue
             record = part.record
             if isinstance(record, Asked):
-                self._compare(record.effects)
+                if told:
+                    self._compare(record.effects)
                 continue
             if not isinstance(record, Happened | Resumed):
                 continue
@@ -232,7 +258,12 @@ class _Replay:
                 self._start, first = record.now, False
             self._compare(())
             self._position, self._now = part.position, record.now
-            self._repeat(record)
+            told = part.position not in self._left_out
+            if told:
+                self._repeat(record)
+            else:
+                where = f"record {part.position.sequence} of run {part.position.run}"
+                self.outcome.troubles.append(f"{where} is quarantined: left out, as it was then")
         # The effects of the last event may not have been written any more.
         self._effects = []
         self.outcome.recorded_s += self._now - self._start

@@ -63,8 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
     configuration = loaded.configuration
     try:
         continuity, _ = open_continuity(configuration, survey, os.environ, afresh=arguments.afresh)
-        resumed = None if continuity is None else continuity.resumed
-        journal, unrecorded = open_journal(configuration, survey, os.environ, resumed)
+        past = (None, ()) if continuity is None else (continuity.resumed, continuity.left_out)
+        journal, unrecorded = open_journal(configuration, survey, os.environ, *past)
         signed_link = open_signed_link(configuration, os.environ)
         daemon = Daemon(
             configuration,

@@ -28,6 +28,7 @@ from autonomy.config import Configuration
 from autonomy.memory import Memory
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell.journal_files import Position
+from autonomy.shell.journal_store import FULL
 from autonomy.wire import OBJECT_TAGS
 
 log = logging.getLogger(__name__)
@@ -41,6 +42,7 @@ _DIGEST_BYTES = 32
 _MAXIMUM_DEPTH = 400
 _FILES = ("even.checkpoint", "odd.checkpoint")
 _KEPT_ASIDE = 8
+_LEAST_RESERVE_BYTES = 2**20
 
 
 class CheckpointError(ValueError):
@@ -163,6 +165,8 @@ class Store:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
+        self._reserve = folder / "reserve"
+        self._is_short = False
         self._lock = (folder / "lock").open("wb")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -211,8 +215,34 @@ class Store:
     def save(self, checkpoint: Checkpoint) -> int:
         """Write a checkpoint in place of the older one, to the disk itself; returns its size. OSError if that fails."""
         data = encode(checkpoint)
-        write_atomically(self.folder / _FILES[checkpoint.number % 2], data)
+        self.write(self.folder / _FILES[checkpoint.number % 2], data)
+        self._set_aside_room(max(_LEAST_RESERVE_BYTES, 2 * len(data)))
         return len(data)
+
+    def write(self, path: Path, data: bytes) -> None:
+        """As `write_atomically`; a full disk costs the room that is reserved for this."""
+        try:
+            write_atomically(path, data)
+        except OSError as error:
+            if error.errno not in FULL or not self._reserve.exists():
+                raise
+            self._reserve.unlink()
+            write_atomically(path, data)
+
+    def _set_aside_room(self, size: int) -> None:
+        """Keep a file as large as the next checkpoints, if the disk has room for one."""
+        try:
+            if self._reserve.exists() and self._reserve.stat().st_size >= size:
+                return
+            with self._reserve.open("ab") as file:
+                os.posix_fallocate(file.fileno(), 0, size)
+        except OSError as error:
+            self._reserve.unlink(missing_ok=True)
+            if not self._is_short:
+                log.warning("no room can be reserved for the next checkpoints: %s", error)
+            self._is_short = True
+        else:
+            self._is_short = False
 
     def _put_aside(self, name: str, reason: str) -> None:
         """Keep a file under another name; of those the oldest goes when there are more than eight."""
@@ -234,10 +264,15 @@ class Store:
 def write_atomically(path: Path, data: bytes) -> None:
     """Replace a file so that after any interruption it is the old or the new one, whole. OSError if that fails."""
     draft = path.with_name(path.name + ".new")
-    with draft.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
+    try:
+        with draft.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError:
+        # What is there of it keeps others from a full disk.
+        draft.unlink(missing_ok=True)
+        raise
     draft.replace(path)
     folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
     try:

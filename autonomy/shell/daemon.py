@@ -204,7 +204,11 @@ class Daemon:
         if self._journal is None:
             return self._core.handle(now, event)
         self._journal.event(now, event)
+        if self._continuity is not None:
+            self._continuity.handling(self._journal.position)
         effects = self._core.handle(now, event)
+        if self._continuity is not None:
+            self._continuity.handling(None)
         self._journal.effects(effects)
         return effects
 

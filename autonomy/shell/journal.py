@@ -252,8 +252,11 @@ def open_journal(
     survey: SurveyArea,
     environment: Mapping[str, str],
     resumed: Position | None = None,
+    left_out: Sequence[Position] = (),
 ) -> tuple[Journal | None, str]:
-    """Begin to record a run of the service, where configuration or environment say; `resumed`: see `make_header`.
+    """Begin to record a run of the service, where configuration or environment say.
+
+    `resumed` and `left_out`: see `make_header`.
 
     Returns:
         The journal, and why there is none although the configuration wants one: a survey without a journal is
@@ -265,7 +268,14 @@ def open_journal(
         return None, ""
     try:
         folder = section.directory or state_directory(configuration.vehicle.name, environment) / "journal"
-        header = make_header(configuration, survey, now=time.monotonic(), utc_s=time.time(), resumed=resumed)
+        header = make_header(
+            configuration,
+            survey,
+            now=time.monotonic(),
+            utc_s=time.time(),
+            resumed=resumed,
+            left_out=left_out,
+        )
         journal = Journal.open(folder, section, header)
     except BlockingIOError:
         problem = f"another service records in {folder}"
@@ -287,6 +297,7 @@ def make_header(
     now: float,
     utc_s: float,
     resumed: Position | None = None,
+    left_out: Sequence[Position] = (),
 ) -> dict[str, Any]:
     """What every file of a run begins with: all that a replay needs besides the events.
 
@@ -296,6 +307,7 @@ def make_header(
         now: protocol time at the start.
         utc_s: wall clock at the start, seconds since 1970.
         resumed: the record up to which an earlier run's events have made the core; None for a fresh core.
+        left_out: positions just after records among these that were quarantined.
     """
     return {
         "schema": SCHEMA,
@@ -314,4 +326,5 @@ def make_header(
             **{name: shapely.to_wkb(getattr(survey, name)) for name in SHAPES},
         },
         "resumed": None if resumed is None else [resumed.run, resumed.sequence],
+        "left_out": [[at.run, at.sequence] for at in left_out],
     }

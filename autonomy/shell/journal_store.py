@@ -23,7 +23,8 @@ RETRY_S = 5.0
 """Pause after the disk refused a file before another is begun."""
 
 _LOCK = "lock"
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+FULL = (errno.ENOSPC, errno.EDQUOT)
+"""What a disk says that has no room left."""
 
 
 @dataclass(frozen=True)
@@ -251,7 +252,7 @@ class Store:
 
     def _relieve(self, error: OSError) -> bool:
         """Make room on a full disk by the journal's oldest files; whether there was one."""
-        if error.errno not in _FULL or not self._old:
+        if error.errno not in FULL or not self._old:
             return False
         self._remove_oldest()
         self.trouble = f"{error.strerror}: the oldest files are given up"

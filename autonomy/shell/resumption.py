@@ -4,10 +4,9 @@ A record that has crashed the core is tried no second time: it is quarantined, a
 again and again all the same, what it knows is to blame: then the older checkpoint is taken, and in the end none.
 """
 
-import json
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,10 +15,11 @@ from autonomy.core import Core
 from autonomy.memory import UnfitMemoryError
 from autonomy.planning.survey import SurveyArea
 from autonomy.records import Resumed
-from autonomy.shell.checkpoint import Checkpoint, Keeper, Store, fits, write_atomically
+from autonomy.shell.checkpoint import Checkpoint, Keeper, Store, fits
 from autonomy.shell.journal import Journal
 from autonomy.shell.journal_files import JournalError, Position, Recorded, read_from
 from autonomy.shell.state_directory import state_directory
+from autonomy.shell.trials import Trials
 
 log = logging.getLogger(__name__)
 
@@ -32,7 +32,6 @@ REPLAY_S = 30.0
 
 _QUICK_S = 1.0
 _QUARANTINES_PER_START = 20
-_REMEMBERED_QUARANTINES = 200
 _LONGEST_AWAY_S = 30 * 86400.0
 
 
@@ -55,54 +54,6 @@ class Moment:
         same = self.boot == earlier.boot and self.boot != "" and self.now >= earlier.now
         passed_s = self.now - earlier.now if same else self.utc_s - earlier.utc_s
         return min(max(0.0, passed_s), _LONGEST_AWAY_S)
-
-
-class Trials:
-    """What went wrong in earlier runs, kept in a file beside the checkpoints."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self.crashes = 0
-        """Runs in a row that the core itself has ended early."""
-        self.quarantined: list[Position] = []
-        """Records that have crashed the core."""
-        self._read()
-
-    def crashed(self, at: Position | None) -> None:
-        """The core has raised on the record just before `at`."""
-        self.crashes += 1
-        if at is not None and at not in self.quarantined:
-            self.quarantined = [*self.quarantined, at][-_REMEMBERED_QUARANTINES:]
-        self._write()
-
-    def quarantine(self, at: Position) -> None:
-        """A record has crashed the core in a replay."""
-        self.quarantined = [*self.quarantined, at][-_REMEMBERED_QUARANTINES:]
-        self._write()
-
-    def went_well(self) -> None:
-        """The service has run for a while, or was stopped in order."""
-        if self.crashes:
-            self.crashes = 0
-            self._write()
-
-    def _read(self) -> None:
-        try:
-            content = json.loads(self._path.read_bytes()[: 2**20])
-            self.crashes = int(content["crashes"])
-            self.quarantined = [Position(int(run), int(number)) for run, number in content["quarantined"]]
-        except FileNotFoundError:
-            return
-        except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
-            log.error("%s can't be read and is begun anew: %s", self._path, error)
-            self.crashes, self.quarantined = 0, []
-
-    def _write(self) -> None:
-        rows = [[at.run, at.sequence] for at in self.quarantined]
-        try:
-            write_atomically(self._path, json.dumps({"crashes": self.crashes, "quarantined": rows}).encode())
-        except OSError as error:
-            log.error("%s can't be written: %s", self._path, error)
 
 
 class _PoisonError(Exception):
@@ -137,7 +88,8 @@ class Continuity:
         self._store = store
         self._wanted = wanted
         self._folder = journal_folder
-        self._trials = Trials(store.folder / "trials.json")
+        self._trials = Trials(store.folder, store.write)
+        self._left_out: list[Position] = []
         self._keeper: Keeper | None = None
         self._number = 0
         self._unmade = ""
@@ -151,6 +103,11 @@ class Continuity:
     def resumed(self) -> Position | None:
         """The journal's record up to which earlier runs have made the core; None if none have."""
         return self._position
+
+    @property
+    def left_out(self) -> Sequence[Position]:
+        """Just after each record that was left out when the core was made, since it is quarantined."""
+        return tuple(self._left_out)
 
     @property
     def period_s(self) -> float:
@@ -205,6 +162,10 @@ class Continuity:
         if present.now - self._began >= HEALTHY_S:
             self._trials.went_well()
 
+    def handling(self, at: Position | None) -> None:
+        """The core is about to be told the record just before `at`; None: it has been."""
+        self._trials.mark.set(at)
+
     def crashed(self, journal: Journal | None) -> None:
         """The core has raised on the record just written: it is not tried again."""
         self._trials.crashed(None if journal is None else journal.position)
@@ -213,6 +174,7 @@ class Continuity:
         """The run is over; what waits is written."""
         if in_order:
             self._trials.went_well()
+        self._trials.mark.close()
         if self._keeper is not None:
             self._keeper.close()
 
@@ -263,6 +225,7 @@ class Continuity:
         core = self._make_core()
         core.restore(checkpoint.memory)
         self._position = checkpoint.position
+        self._left_out.clear()
         self._last = Moment(checkpoint.now, checkpoint.utc_s, checkpoint.boot)
         return core
 
@@ -279,17 +242,20 @@ class Continuity:
                 self._position = recorded.position
                 if recorded.position in self._trials.quarantined:
                     log.error("record %d of run %d is quarantined", *_place(recorded.position))
+                    self._left_out.append(recorded.position)
                     continue
                 self._tell(core, recorded.position, recorded.now, recorded.event)
                 count += 1
                 self._follow(recorded)
         except (JournalError, OSError) as error:
             log.error("the journal can't be replayed any further: %s", error)
+        self._trials.mark.set(None)
         took_s = time.monotonic() - began
         self._slow = took_s > _QUICK_S
         log.info("replayed %d records in %.1f s", count, took_s)
 
     def _tell(self, core: Core, at: Position, now: float, event: object) -> None:
+        self._trials.mark.set(at)
         try:
             if isinstance(event, Resumed):
                 core.resume(event.now, event.away_s)

@@ -14,6 +14,7 @@ from autonomy.effects import Effect
 from autonomy.events import DeadlineReached, Event, LinkDown, LinkUp
 from autonomy.geometry import LocalFrame
 from autonomy.planning.survey import SurveyArea
+from autonomy.replay import CoreRaisedError, replay
 from autonomy.shell import checkpoint as files
 from autonomy.shell.checkpoint import Checkpoint, CheckpointError, Store, decode, encode, fits
 from autonomy.shell.journal import Journal, make_header
@@ -29,6 +30,11 @@ WANTED = fits(CONFIGURATION, SURVEY)
 
 
 BREAKS_OVER: list[str] = []
+ENDS_OVER: list[str] = []
+
+
+class EndError(BaseException):
+    """The process is gone, without a chance to say a word."""
 
 
 @pytest.fixture(autouse=True)
@@ -41,11 +47,14 @@ def breakable(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
             core._explained.add(event.reason)
             if event.reason in BREAKS_OVER:
                 raise ZeroDivisionError("a bug")
+            if event.reason in ENDS_OVER:
+                raise EndError
         return sound(core, now, event)
 
     monkeypatch.setattr(Core, "handle", handle)
     yield
     BREAKS_OVER.clear()
+    ENDS_OVER.clear()
 
 
 def new() -> Core:
@@ -58,9 +67,14 @@ class Run:
     def __init__(self, folder: Path, *, recorded: bool = True) -> None:
         self.store = Store(folder / "kept")
         journals = folder / "journal" if recorded else None
-        self.continuity = Continuity(new, CheckpointSection(), self.store, WANTED, journals)
+        try:
+            self.continuity = Continuity(new, CheckpointSection(), self.store, WANTED, journals)
+        except EndError:
+            self.store.close()  # as the kernel does for a process that is gone
+            raise
         self.core: Any = self.continuity.core
-        header = make_header(CONFIGURATION, SURVEY, now=0.0, utc_s=0.0, resumed=self.continuity.resumed)
+        past = {"resumed": self.continuity.resumed, "left_out": self.continuity.left_out}
+        header = make_header(CONFIGURATION, SURVEY, now=0.0, utc_s=0.0, **past)
         self.journal = Journal.open(folder / "journal", JournalSection(), header) if recorded else None
         self.continuity.begin(self.journal)
 
@@ -72,8 +86,12 @@ class Run:
         now = Moment.present().now if now is None else now
         if self.journal is not None:
             self.journal.event(now, event)
+            self.continuity.handling(self.journal.position)
         try:
-            self.core.handle(now, event)
+            effects = self.core.handle(now, event)
+            self.continuity.handling(None)
+            if self.journal is not None:
+                self.journal.effects(effects)
         except ZeroDivisionError:
             self.continuity.crashed(self.journal)
             raise
@@ -131,6 +149,8 @@ def test_of_a_damaged_checkpoint_the_older_one_is_taken(
     first.continuity.keep(first.journal)
     first.continuity.close(in_order=False)  # it is written
     first.continuity.begin(first.journal)
+    first.continuity.close(in_order=False)  # or the next one might take its place
+    first.continuity.begin(first.journal)
     first.hears(LinkDown("two"))
     first.ends(keep=True)
     newest = max((tmp_path / "kept").glob("*.checkpoint"), key=lambda path: decode(path.read_bytes()).number)
@@ -175,6 +195,64 @@ def test_a_record_that_crashes_the_replay_is_tried_once(
     assert run().lost == {"one", "three"}
     assert "is quarantined" in caplog.text
     assert "crashes the core" not in caplog.text
+
+
+def test_a_record_that_ends_the_process_without_a_word_is_tried_once_more(
+    run: Callable[..., Run], caplog: pytest.LogCaptureFixture
+) -> None:
+    """It hangs until the watchdog strikes, or breaks the interpreter: nobody can catch and tell that."""
+    first = run()
+    first.hears(LinkDown("one"))
+    ENDS_OVER.append("two")
+    with pytest.raises(EndError):
+        first.hears(LinkDown("two"))
+    first.ends()
+    with pytest.raises(EndError):
+        run()
+    assert "quarantine" not in caplog.text
+    third = run()
+    assert third.lost == {"one"}
+    assert "ended twice in the midst of record 3 of run 1" in caplog.text
+    third.hears(LinkDown("three"))
+    third.ends()
+    assert run().lost == {"one", "three"}
+
+
+def test_a_service_killed_at_work_twice_has_quarantined_nothing(run: Callable[..., Run]) -> None:
+    """Whatever it was at: the next time it was at something else."""
+    for reason in ("one", "two", "three"):
+        again = run()
+        again.hears(LinkDown("sound"))
+        ENDS_OVER.append(reason)
+        with pytest.raises(EndError):
+            again.hears(LinkDown(reason))
+        again.ends()
+        ENDS_OVER.clear()
+    assert run().lost == {"sound", "one", "two", "three"}
+
+
+def test_a_quarantined_record_is_left_out_of_the_replay_too(run: Callable[..., Run], tmp_path: Path) -> None:
+    first = run()
+    first.hears(LinkDown("one"))
+    BREAKS_OVER.append("two")
+    with pytest.raises(ZeroDivisionError):
+        first.hears(LinkDown("two"))
+    first.ends()
+    second = run()
+    second.hears(LinkDown("three"))
+    second.ends(keep=True)
+    third = run()
+    third.hears(LinkDown("four"))
+    third.ends()
+    for number, known in ((2, {"one", "three"}), (3, {"one", "three", "four"})):
+        outcome = replay(tmp_path / "journal", number)
+        assert outcome.differences == []
+        assert not outcome.lost
+        assert outcome.troubles == ["record 3 of run 1 is quarantined: left out, as it was then"]
+        assert outcome.core._explained == known
+    # Of the run itself, which it ended, it is the point.
+    with pytest.raises(CoreRaisedError, match="record 3 of run 1"):
+        replay(tmp_path / "journal", 1)
 
 
 def test_what_crashes_again_and_again_is_given_up(
@@ -246,6 +324,26 @@ def test_a_full_disk_is_told_and_stops_nothing(
     first.continuity.close(in_order=False)
     assert "No space left" in first.continuity.trouble
     assert caplog.text.count("no checkpoint could be written") == 1
+
+
+def test_the_reserve_makes_room_for_the_next_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Disks that other writers fill; a small one, really full, is filled in tests/process/test_full_disk.py."""
+    store, checkpoint = Store(tmp_path), sample()
+    store.save(checkpoint)
+    reserve = tmp_path / "reserve"
+    assert reserve.stat().st_blocks * 512 >= 2**20
+    sound = files.write_atomically
+
+    def full(path: Path, data: bytes) -> None:
+        if reserve.exists():
+            raise OSError(28, "No space left on device")
+        sound(path, data)
+
+    monkeypatch.setattr(files, "write_atomically", full)
+    store.save(replace(checkpoint, number=8))
+    assert [each.number for each in store.load(WANTED)] == [8, 7]
+    assert reserve.exists()
+    store.close()
 
 
 def test_the_time_away_is_known_across_boots() -> None:
