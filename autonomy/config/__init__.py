@@ -15,7 +15,7 @@ from autonomy.config.overlay import apply_environment, apply_overrides
 from autonomy.config.private import PrivateFileError, read_private
 from autonomy.config.problems import ConfigurationError, Origin, Problem, Source
 from autonomy.config.reference import holds_file, holds_folder, holds_secret, section_of
-from autonomy.config.translate import translate
+from autonomy.config.translate import is_consequence, translate
 from autonomy.config.tree import (
     LARGEST_CAPACITY,
     LEAST_CHOSEN_CAPACITY,
@@ -119,8 +119,9 @@ def load_with_origins(
         configuration = Configuration.model_validate(document.data)
     except ValidationError as error:
         found = list(islice(translate(error, document, Configuration), MAXIMUM_FINDINGS))
-        if error.error_count() > len(found):
-            what = f"{error.error_count() - len(found)} further mistakes are not listed"
+        mistakes = sum(not is_consequence(each) for each in error.errors(include_url=False))
+        if mistakes > len(found):
+            what = f"{mistakes - len(found)} further mistakes are not listed"
             problems.append(Problem(Origin(Source.FILE, document.file), "", what))
         problems += [finding.problem for finding in found]
         problems += _conflicts_among_the_rest(document, {path for finding in found for path in finding.paths})

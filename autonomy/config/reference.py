@@ -111,7 +111,8 @@ def _describe(annotation: Any, metadata: list[Any]) -> str:
         return "one of " + ", ".join(map(str, get_args(annotation)))
     if get_origin(annotation) in (Union, types.UnionType):
         words = [_describe(choice, metadata) for choice in get_args(annotation) if choice is not type(None)]
-        return " or ".join([*words, "null"])
+        # "a list of 2, each a number or null" would allow a null in the list.
+        return ("; or " if any(", " in word for word in words) else " or ").join([*words, "null"])
     if get_origin(annotation) is tuple:
         sides = [_describe(side, []) for side in get_args(annotation)]
         return f"a list of {len(sides)}, each {sides[0]}"

@@ -48,6 +48,8 @@ def translate(error: ValidationError, document: Document, model: type[BaseModel]
     """Every problem with the paths of its keys; a missing key is placed at its nearest parent."""
     for finding in error.errors(include_url=False):
         path = tuple(part for part in finding["loc"] if part not in _TAGS)
+        if is_consequence(finding):
+            continue
         if finding["type"] == "conflict":
             yield from _conflicts(path, finding["ctx"]["conflicts"], document)
         elif finding["type"] == "missing" and path and isinstance(path[-1], int):
@@ -57,6 +59,13 @@ def translate(error: ValidationError, document: Document, model: type[BaseModel]
             yield Finding((path,), _unknown_key(path, document, model))
         else:
             yield Finding((path,), _problem(path, _what(finding, path), document, model))
+
+
+def is_consequence(finding: ErrorDetails) -> bool:
+    """Whether a list is only too short for pydantic, which has left out the entries that are wrong in themselves."""
+    if finding["type"] != "too_short" or not isinstance(finding["input"], list | tuple):
+        return False
+    return len(finding["input"]) >= int(finding["ctx"]["min_length"])
 
 
 def origin_at(path: KeyPath, document: Document) -> Origin:

@@ -319,6 +319,27 @@ BROKEN = {
     "no kernel at all": Broken(
         AREA + "estimation:\n  candidates: []\n", "4:3", "estimation.candidates", "needs", "a list of some of"
     ),
+    "a kernel twice": Broken(
+        AREA + "estimation:\n  candidates: [ou, matern32, ou]\n",
+        "4:3",
+        "estimation.candidates",
+        "names ou more than once",
+        "each kernel once",
+    ),
+    "a null among the ends of a range": Broken(
+        AREA + "sensor:\n  transform: logit\n  transform_bounds: [null, 1]\n",
+        "5:22",
+        "sensor.transform_bounds[0]",
+        "must be a number (got null)",
+        "a list of 2, each a number; or null",
+    ),
+    "a stay that looks like a stall": Broken(
+        AREA + "planning:\n  hold_s: 60\n",
+        "4:3",
+        "planning.hold_s",
+        "must be below exploration.stall_s (60) (got 60)",
+        "planning.hold_s < exploration.stall_s",
+    ),
     "more spots than sites": Broken(
         AREA + "planning:\n  lattice: [4, 5]\n",
         "4:3",
@@ -361,6 +382,14 @@ def test_check_config_names_place_key_fault_and_remedy(
     assert line is not None, f"expected: {start}\n{output.err}"
     assert broken.allowed in line.partition("; allowed: ")[2]
     assert output.out == ""
+
+
+def test_a_list_whose_only_entry_is_wrong_is_not_also_too_short(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check(write(tmp_path, AREA + "estimation:\n  candidates: [static_moveing]\n")) == 78
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "estimation.candidates[0]: must be one of" in line
 
 
 def test_there_are_many_kinds_of_mistakes() -> None:
