@@ -24,9 +24,13 @@ _TOGETHER = 6
 """At most so many of them, apart from each other, are made before the next."""
 _NEAR = 0.1
 """A cell is put elsewhere within this share of the side, a new one this near to a leg's ends' middle."""
-_STEERING = 4.0
-"""By how much the logarithm of the price changes in a round for each side of length too much."""
-_STEEPEST = 0.25
+_STEERING = 3.0
+"""By how much the logarithm of the price changes in a round for a length twice the budget."""
+_STEEPEST = 0.15
+_FIRST_PRICE = 0.85
+"""Of J over the budget: about J ~ 1/length."""
+_SLACK, _FREE = 0.04, 0.7
+"""At first a route may become so much longer than the budget, for so large a share of the rounds."""
 _TOO_LITTLE = 1e-12
 
 
@@ -96,7 +100,8 @@ class RouteSearch:
         self._length_m = float(lattice.leg_length_m[legs].sum())
         self._best: Found | None = None
         self._remember()
-        self._price = self._first_price()
+        self._price = _FIRST_PRICE * objective.value / budget_m
+        self._longest_m = budget_m
 
     @property
     def best(self) -> Found | None:
@@ -105,9 +110,12 @@ class RouteSearch:
 
     def run(self, rounds: int) -> Found | None:
         """Search for so many rounds; `best` after them."""
-        for _ in range(rounds):
+        for number in range(rounds):
+            # Towards the end nothing longer than the budget is gone into any more.
+            slack = _SLACK * max(0.0, 1.0 - number / (_FREE * rounds))
+            self._longest_m = (1.0 + slack) * self._budget_m
             self._round()
-            excess = (self._length_m - self._budget_m) / self._lattice.side_m
+            excess = self._length_m / self._budget_m - 1.0
             self._price *= float(np.exp(np.clip(_STEERING * excess, -_STEEPEST, _STEEPEST)))
         return self._best
 
@@ -115,16 +123,18 @@ class RouteSearch:
         moves = self._candidates()
         if not len(moves.kind):
             return
-        merit, gain = self._merits(moves)
+        merit, longer = self._merits(moves)
         order = np.argsort(merit, kind="stable")
         order = order[merit[order] < -_TOO_LITTLE]
         chosen = self._apart(moves, order)
         # From the end of the chain to its beginning: positions before a change stay what they are.
         for k in sorted(chosen, key=lambda k: -int(moves.first[k])):
             move = moves.take(np.array([k]))
-            merit, gain = self._merits(move)
-            if merit[0] < -_TOO_LITTLE:
-                self._make(move, float(gain[0]))
+            merit, longer = self._merits(move)
+            if merit[0] < -_TOO_LITTLE and (
+                longer[0] <= 0.0 or self._length_m + longer[0] <= self._longest_m
+            ):
+                self._make(move, float(longer[0]))
                 self._remember()
 
     def _apart(self, moves: _Moves, order: IntArray) -> list[int]:
@@ -181,21 +191,6 @@ class RouteSearch:
             self._best is None or self._objective.value < self._best.objective
         ):
             self._best = Found(tuple(self._chain.tolist()), self._length_m, self._objective.value)
-
-    def _first_price(self) -> float:
-        """What a metre is worth in the chain: the median over its corners of what taking one out costs."""
-        moves = self._deletions()
-        merit, longer = self._merits_at_no_price(moves)
-        saved = -longer > 1e-3 * self._lattice.side_m
-        if saved.any():
-            return float(max(np.median(merit[saved] / -longer[saved]), _TOO_LITTLE))
-        return self._objective.value / max(self._budget_m, 1e-3 * self._lattice.side_m)
-
-    def _merits_at_no_price(self, moves: _Moves) -> tuple[FloatArray, FloatArray]:
-        if not len(moves.kind):
-            return np.empty(0), np.empty(0)
-        self._price = 0.0
-        return self._merits(moves)
 
     def _candidates(self) -> _Moves:
         """Moves of each kind, drawn at random."""

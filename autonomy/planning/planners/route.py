@@ -15,7 +15,7 @@ from autonomy.planning.weighted_variance import NOISE, WeightedVariance, conditi
 
 NAME = "route"
 
-_ROUNDS = 60
+_ROUNDS = 40
 _READINGS_PER_SIDE = 50
 """Readings along the way where the request does not say how dense they are, and never denser."""
 _HORIZON = 6.0
