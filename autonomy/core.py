@@ -232,6 +232,8 @@ class Core:
             self._reporter.reestimated(result.reestimate)
         if result.problem is not None:
             self._postpone(now, f"no plan: {result.problem}")
+            if self._helm.path_finished:
+                self._homeward.give_up()
         if result.plan is None:
             return
         self._look(now)

@@ -234,6 +234,11 @@ class Homeward:
         margin_m = (self._section.home_margin + CUT_MARGIN - 1.0) * path_length_m(way)
         return max(0.0, (metres - ahead_m - margin_m) / DETOUR), way[-1]
 
+    def give_up(self) -> None:
+        """The path is sailed, and no planner knows another: what is left is for the way home."""
+        if self.is_limited and self.budget.has_begun:
+            self.reason = self.reason or "no plan could be made for what may still be spent"
+
     def cannot(self, problem: str) -> None:
         """There is no way home: said once."""
         self._note_once(f"the way home is not known: {problem}")

@@ -9,6 +9,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
 WGS84_A_M = 6378137.0
 WGS84_E2 = 6.69437999014e-3
 _LOOKAHEAD_S = 5.0
@@ -113,20 +115,73 @@ class Handling:
             raise ValueError(f"acceleration, turn rate and top speed must be positive, got {self}")
 
 
+@dataclass(frozen=True)
+class UnsteadyCurrent:
+    """A current that swings about a mean: plane waves, so that it is known at any place and time.
+
+    Make it with `UnsteadyCurrent.draw`. Attributes: the mean, and of each wave its amplitude (east and north), its wave
+    number (radians per metre to the east and to the north), its rate (radians per second) and its phase.
+    """
+
+    mean_mps: tuple[float, float]
+    waves: tuple[tuple[float, float, float, float, float, float], ...]
+
+    @classmethod
+    def draw(
+        cls, mean_mps: tuple[float, float], deviation_mps: float, rng: np.random.Generator, count: int = 8
+    ) -> "UnsteadyCurrent":
+        """Swings of a standard deviation (of each component), over 1 to 6 hours and 5 to 30 km."""
+        amplitude = rng.normal(0.0, deviation_mps * math.sqrt(2.0 / count), (count, 2))
+        direction = rng.uniform(0.0, 2.0 * math.pi, count)
+        number = 2.0 * math.pi / rng.uniform(5e3, 30e3, count)
+        rate = 2.0 * math.pi / rng.uniform(3600.0, 6.0 * 3600.0, count)
+        phase = rng.uniform(0.0, 2.0 * math.pi, count)
+        columns = (*amplitude.T, number * np.cos(direction), number * np.sin(direction), rate, phase)
+        return cls(mean_mps, tuple(map(tuple, np.column_stack(columns).tolist())))
+
+    def current(self, lat_deg: float, lon_deg: float, time_s: float) -> tuple[float, float]:
+        """Velocity of the water, east and north, in m/s."""
+        east_m = math.radians(lon_deg) * WGS84_A_M * math.cos(math.radians(lat_deg))
+        north_m = math.radians(lat_deg) * WGS84_A_M
+        swings = [
+            (math.cos(kx * east_m + ky * north_m + rate * time_s + phase), east, north)
+            for east, north, kx, ky, rate, phase in self.waves
+        ]
+        return (
+            self.mean_mps[0] + math.fsum(swing * east for swing, east, _ in swings),
+            self.mean_mps[1] + math.fsum(swing * north for swing, _, north in swings),
+        )
+
+
 @dataclass
 class Battery:
-    """A battery drained by the hotel load and by propulsion, which grows with the cube of speed."""
+    """A battery drained by the hotel load and by propulsion, which grows with the cube of speed.
+
+    `noise` is the standard deviation of a factor that waves and wind put on the power, relative to it; it comes and
+    goes over `noise_s`, drawn from `rng` (an Ornstein-Uhlenbeck process).
+    """
 
     capacity_wh: float = 5000.0
     hotel_w: float = 25.0
     propulsion_w_per_m3s3: float = 15.0
     used_wh: float = 0.0
     power_w: float = 25.0
+    noise: float = 0.0
+    noise_s: float = 600.0
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    _swing: float = 0.0
 
     def drain(self, speed_mps: float, dt_s: float) -> None:
         """Spend the energy of `dt_s` seconds at a speed through the water."""
-        self.power_w = self.hotel_w + self.propulsion_w_per_m3s3 * abs(speed_mps) ** 3
+        self.power_w = (self.hotel_w + self.propulsion_w_per_m3s3 * abs(speed_mps) ** 3) * self._factor(dt_s)
         self.used_wh = min(self.capacity_wh, self.used_wh + self.power_w * dt_s / 3600.0)
+
+    def _factor(self, dt_s: float) -> float:
+        if self.noise == 0.0:
+            return 1.0
+        kept = math.exp(-dt_s / self.noise_s)
+        self._swing = kept * self._swing + math.sqrt(1.0 - kept * kept) * float(self.rng.standard_normal())
+        return math.exp(self.noise * self._swing - 0.5 * self.noise**2)
 
     @property
     def remaining(self) -> float:

@@ -17,7 +17,16 @@ from sim.endpoints import Endpoint
 from sim.field import Field, FieldError, lattice, open_field, shrunk
 from sim.sensor import Sensor
 from sim.server import CannotListenError, VesselServer
-from sim.vessel import Battery, Handling, Position, SummedCurrent, UniformCurrent, Vessel
+from sim.vessel import (
+    Battery,
+    CurrentField,
+    Handling,
+    Position,
+    SummedCurrent,
+    UniformCurrent,
+    UnsteadyCurrent,
+    Vessel,
+)
 
 DEFAULT_ENDPOINT = Endpoint("udpout", "127.0.0.1", 14550)
 _T = TypeVar("_T")
@@ -65,7 +74,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="EAST,NORTH",
         help="m/s, on top of the current that the field itself may have (--current=-0.2,0.1)",
     )
+    boat.add_argument(
+        "--current-noise",
+        type=_not_negative,
+        default=0.0,
+        metavar="MPS",
+        help="by which it swings, over hours",
+    )
     boat.add_argument("--battery-wh", type=_positive, default=5000.0, metavar="WH", help="capacity (5000)")
+    boat.add_argument(
+        "--battery-noise",
+        type=_not_negative,
+        default=0.0,
+        metavar="SHARE",
+        help="by which its power swings, over minutes (0)",
+    )
     sea = parser.add_argument_group("sea and instrument")
     sea.add_argument(
         "--field",
@@ -171,10 +194,15 @@ def _autopilot(arguments: argparse.Namespace, field: Field) -> Autopilot:
             start,
             heading_deg=arguments.heading % 360.0,
             handling=Handling(turn_rate_deg_s=arguments.turn_rate),
-            current=SummedCurrent((field, UniformCurrent(*arguments.current))),
+            current=SummedCurrent((field, _current(arguments))),
             land=field,
             # Whatever its cruise speed, the boat is built to cruise on 120 W.
-            battery=Battery(arguments.battery_wh, propulsion_w_per_m3s3=120.0 / arguments.speed_mps**3),
+            battery=Battery(
+                arguments.battery_wh,
+                propulsion_w_per_m3s3=120.0 / arguments.speed_mps**3,
+                noise=arguments.battery_noise,
+                rng=np.random.default_rng((arguments.seed, 1)),
+            ),
         )
         sensor = Sensor(
             field,
@@ -202,6 +230,13 @@ def _autopilot(arguments: argparse.Namespace, field: Field) -> Autopilot:
     except ValueError as error:
         raise UsageError(str(error)) from error
     return Autopilot(vessel, sensor, options, home=arguments.home)
+
+
+def _current(arguments: argparse.Namespace) -> CurrentField:
+    if arguments.current_noise == 0.0:
+        return UniformCurrent(*arguments.current)
+    rng = np.random.default_rng((arguments.seed, 2))
+    return UnsteadyCurrent.draw(arguments.current, arguments.current_noise, rng)
 
 
 def _middle_of(field: Field) -> Position:
@@ -242,6 +277,13 @@ def _positive(text: str) -> float:
     value = _finite(text)
     if value <= 0.0:
         raise argparse.ArgumentTypeError(f"must be positive, got {text}")
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = _finite(text)
+    if value < 0.0:
+        raise argparse.ArgumentTypeError(f"must not be negative, got {text}")
     return value
 
 
