@@ -3,6 +3,7 @@
 Dijkstra's algorithm on the raster's 16-neighbour graph gives a way between two cells; string pulling then
 takes out the corners that the graph has put in, where the straight line touches passable cells only. Every
 leg found this way is over navigable water because all cells it touches are, not because sampled points are.
+At last the way is pulled tight against the polygons themselves, and its legs are checked against them.
 """
 
 from dataclasses import dataclass
@@ -17,13 +18,14 @@ from autonomy.geometry import FloatArray, path_length_m
 from autonomy.planning.errors import Unreachable
 from autonomy.planning.raster import BoolArray, IntArray, Raster
 from autonomy.planning.survey import SurveyArea
+from autonomy.planning.taut import Shoreline
 
 __all__ = ["Passage", "Unreachable", "Ways", "passage_of"]
 
 _JOINS_TRIED = (16, 256, 2048)
 """How many of the nearest passable cells are tried for a point that lies in none, in widening rounds."""
 
-_CORNERS = 32
+_CORNERS = 16
 """At most this many points of a way take part in string pulling; its cost grows with their square."""
 
 
@@ -73,6 +75,7 @@ class Passage:
         self._graph = self._raster.graph()
         self._basin = connected_components(self._graph, directed=False)[1]
         self._centres = self._raster.centres_m
+        self._shore = Shoreline(survey.navigable, survey.span_m / survey.passage_cells)
         self._tree = cKDTree(self._centres) if len(self._centres) else None
 
     @property
@@ -127,15 +130,31 @@ class Passage:
             return {}
         sources, which = np.unique(cells[first], return_inverse=True)
         _, before = dijkstra(self._graph, directed=True, indices=sources, return_predecessors=True)
+        outside = self._raster.numbers_at(points) < 0
         bent = {}
         for i, j, source in zip(first.tolist(), second.tolist(), which.tolist(), strict=True):
             chain = [int(cells[j])]
             while chain[-1] != cells[i]:
                 chain.append(int(before[source, chain[-1]]))
-            bent[i, j] = self._pulled(points[i], self._centres[chain[::-1]], points[j])
-        return bent
+            ends = points[i], points[j], bool(outside[i]), bool(outside[j])
+            bent[i, j] = self._pulled(self._centres[chain[::-1]], *ends)
+        return self._tight(bent)
 
-    def _pulled(self, a: FloatArray, chain: FloatArray, b: FloatArray) -> FloatArray:
+    def _tight(self, bent: dict[tuple[int, int], FloatArray]) -> dict[tuple[int, int], FloatArray]:
+        """The ways pulled tight, where all their legs are clear then."""
+        tight = {pair: self._shore.tightened(way) for pair, way in bent.items()}
+        starts = np.concatenate([way[:-1] for way in tight.values()])
+        ends = np.concatenate([way[1:] for way in tight.values()])
+        clear = self._survey.legs_are_clear(starts, ends)
+        first = np.cumsum([0, *(len(way) - 1 for way in tight.values())])[:-1]
+        kept = np.logical_and.reduceat(clear, first)
+        return {
+            pair: tight[pair] if keep else way for (pair, way), keep in zip(bent.items(), kept, strict=True)
+        }
+
+    def _pulled(
+        self, chain: FloatArray, a: FloatArray, b: FloatArray, a_is_outside: bool, b_is_outside: bool
+    ) -> FloatArray:
         """The shortest way from a to b along clear legs between points of the chain, a and b included."""
         way = np.concatenate([a[None], _thinned(chain), b[None]])
         k = len(way)
@@ -143,11 +162,10 @@ class Passage:
         clear = np.zeros((k, k), dtype=bool)
         clear[i, j] = self._raster.lines_are_clear(way[i], way[j])
         # An end in no passable cell has no clear line on the raster; the exact test finds its clear legs.
-        for end in (0, k - 1):
-            if self._raster.numbers_at(way[end])[0] < 0:
-                legs = self._survey.legs_are_clear(way[end], way)
-                clear[0, 1:] |= legs[1:] if end == 0 else False
-                clear[:-1, -1] |= legs[:-1] if end else False
+        if a_is_outside:
+            clear[0, 1:] = self._survey.legs_are_clear(a, way[1:])
+        if b_is_outside:
+            clear[:-1, -1] = self._survey.legs_are_clear(way[:-1], b)
         # Neighbours in the chain are clear by the graph, and the ends by their joining.
         clear[np.arange(k - 1), np.arange(1, k)] = True
         return way[

@@ -16,6 +16,7 @@ from autonomy.config import SurveySection
 from autonomy.geometry import FloatArray, LocalFrame
 from autonomy.planning.depth import shallow_water
 from autonomy.planning.errors import SurveyError
+from autonomy.planning.pinches import pinches
 from autonomy.planning.polygon_files import Role, read_polygons
 
 __all__ = ["SurveyArea", "SurveyError", "read_survey"]
@@ -169,7 +170,10 @@ class SurveyArea:
 
     @cached_property
     def _tolerant(self) -> BaseGeometry:
-        return self.navigable.buffer(ROUND_OFF_M, join_style="mitre")
+        grown = self.navigable.buffer(ROUND_OFF_M, join_style="mitre")
+        # Round-off must not open what is closed: where two rocks touch, water grown on either side would meet.
+        points = shapely.multipoints(pinches(self.navigable, 2 * ROUND_OFF_M))
+        return grown if points.is_empty else grown.difference(points.buffer(10 * ROUND_OFF_M))
 
     def approach_is_clear(self, a: ArrayLike, b: ArrayLike) -> bool:
         """Whether a vessel at `a`, outside navigable water, may sail straight into it at `b`.

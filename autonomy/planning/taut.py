@@ -1,0 +1,136 @@
+"""Pulling a way tight against the shore: from the raster's corners to those of the polygons themselves.
+
+Where a way bends at c between a and b, the shortest way of the same kind from a to b (on the same side of every
+island) is the convex hull of the shore's corners inside the triangle a c b, on c's side: nothing else can lie
+between. Doing this bend by bend until nothing gets shorter is the rubber band of Hershberger and Snoeyink,
+Computing minimum length paths of a given homotopy class (1994), without their triangulation.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+from shapely.geometry.polygon import orient
+
+from autonomy.geometry import FloatArray
+
+_MOST_SWEEPS = 40
+_ROUNDING = 0.02
+"""Of the length there, what one corner less may cost at most."""
+_INSET_M = 0.25
+"""Ways keep this far inside the water where there is room: positions are sent in steps of a centimetre."""
+
+
+class Shoreline:
+    """The corners of some water that jut into it, the only places where a tight way bends."""
+
+    def __init__(self, water: BaseGeometry, cell_m: float) -> None:
+        """Take the corners of `water`; ways were found on cells of `cell_m` metres."""
+        inset = water.buffer(-min(_INSET_M, 0.01 * cell_m), join_style="mitre", mitre_limit=2.0)
+        corners = _jutting(inset)
+        # By x, so that those between two x are one slice.
+        self._corners = corners[np.argsort(corners[:, 0], kind="stable")]
+        self._round_m = 0.05 * cell_m
+
+    def tightened(self, way: FloatArray) -> FloatArray:
+        """The way pulled tight, its ends and its sides of islands kept; shape (n, 2) to (k, 2).
+
+        Each leg of the result is clear if each of the given was, but for round-off: check them.
+        """
+        points = list(way)
+        for _ in range(_MOST_SWEEPS):
+            if not self._sweep(points):
+                break
+        return np.array(self._rounded(points))
+
+    def _sweep(self, points: list[FloatArray]) -> bool:
+        """Pull at every bend once; whether something has moved."""
+        moved = False
+        k = 1
+        while k < len(points) - 1:
+            a, c, b = points[k - 1 : k + 2]
+            chain = _hull(a, b, self._within(a, c, b), _side(a, b, c))
+            if len(chain) != 1 or (chain[0] != c).any():
+                points[k : k + 1] = chain
+                moved = True
+            k += max(1, len(chain))
+        return moved
+
+    def _within(self, a: FloatArray, c: FloatArray, b: FloatArray) -> FloatArray:
+        """Corners in the closed triangle."""
+        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+        first, last = np.searchsorted(self._corners[:, 0], [low[0], np.nextafter(high[0], np.inf)])
+        near = self._corners[first:last]
+        near = near[(near[:, 1] >= low[1]) & (near[:, 1] <= high[1])]
+        if not len(near):
+            return np.asarray(near)
+        turns = np.stack([_side(a, c, near), _side(c, b, near), _side(b, a, near)])
+        slack = 1e-9 * float(np.sum((high - low) ** 2))
+        inside = np.all(turns >= -slack, axis=0) | np.all(turns <= slack, axis=0)
+        return np.asarray(near[inside])
+
+    def _rounded(self, points: list[FloatArray]) -> list[FloatArray]:
+        """Fewer corners for little length: short legs between bends go, their neighbours are made to meet.
+
+        The stand-off about a headland is an arc of many short legs, and nobody steers these.
+        """
+        k = 1
+        while k < len(points) - 2:
+            before, a, b, after = points[k - 1 : k + 3]
+            meet = _meeting(before, a, b, after)
+            tight = _length(before, a, b, after)
+            room = min(_ROUNDING * tight, self._round_m)
+            if meet is not None and _length(before, meet, after) - tight < room:
+                points[k : k + 2] = [meet]
+            else:
+                k += 1
+        return points
+
+
+def _jutting(water: BaseGeometry) -> FloatArray:
+    """Corners at which the land is convex, shape (n, 2)."""
+    found = [np.empty((0, 2))]
+    for part in shapely.get_parts(water):
+        turned = orient(part, 1.0)
+        for ring in (turned.exterior, *turned.interiors):
+            xy = shapely.get_coordinates(ring)[:-1]
+            # The water is on the left of every ring, so a turn to the right goes round land.
+            found.append(xy[_side(np.roll(xy, 1, axis=0), xy, np.roll(xy, -1, axis=0)) < 0.0])
+    return np.concatenate(found)
+
+
+def _hull(a: FloatArray, b: FloatArray, points: FloatArray, side: FloatArray) -> list[FloatArray]:
+    """The hull of points on one side of a b, from a to b, without these two."""
+    if not len(points):
+        return []
+    height = _side(a, b, points) * np.sign(side)
+    farthest = int(np.argmax(height))
+    if height[farthest] <= 1e-9 * float(np.sum((b - a) ** 2)):
+        return []
+    top, above = points[farthest], points[height > 0.0]
+    return [*_hull(a, top, above, side), top, *_hull(top, b, above, side)]
+
+
+def _meeting(before: FloatArray, a: FloatArray, b: FloatArray, after: FloatArray) -> FloatArray | None:
+    """Where the legs before a and after b meet if both are made longer; None if they do not, or turn otherwise."""
+    u, v = a - before, after - b
+    turn = float(u[0] * v[1] - u[1] * v[0])
+    first, second = _side(before, a, b), _side(a, b, after)
+    # Both bends to one side, and less than a right angle in all.
+    if float(first) * float(second) <= 0.0 or float(u @ v) <= 0.0 or turn == 0.0:
+        return None
+    share = float((b - a)[0] * v[1] - (b - a)[1] * v[0]) / turn
+    meeting: FloatArray = a + share * u
+    return meeting if share >= 0.0 else None
+
+
+def _length(*points: FloatArray) -> float:
+    return sum(float(np.hypot(*(q - p))) for p, q in pairwise(points))
+
+
+def _side(a: FloatArray, b: FloatArray, points: FloatArray) -> FloatArray:
+    """Twice the signed area of the triangles a b point: positive on the left of a → b."""
+    u, v = b - a, points - a
+    area: FloatArray = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    return area
