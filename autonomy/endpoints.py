@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 _ENDPOINT = re.compile(
@@ -69,9 +70,9 @@ class Certificates:
         verify_name: whether the certificate of whom we dial must be for the host that we dial.
     """
 
-    root_ca: str | None = None
-    certificate: str | None = None
-    private_key: str | None = None
+    root_ca: Path | None = None
+    certificate: Path | None = None
+    private_key: Path | None = None
     verify_name: bool = True
 
     def settings(self, *, listens: bool) -> dict[str, Any]:
@@ -84,7 +85,9 @@ class Certificates:
         }
         if listens:
             files |= {"listen_certificate": self.certificate, "listen_private_key": self.private_key}
-        settings: dict[str, Any] = {f"{way}/{name}": file for name, file in files.items() if file is not None}
+        settings: dict[str, Any] = {
+            f"{way}/{name}": str(file) for name, file in files.items() if file is not None
+        }
         mutual = listens or self.certificate is not None
         return {
             **settings,

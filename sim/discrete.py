@@ -16,15 +16,17 @@ from autonomy.core import Core
 from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob, Topic
 from autonomy.events import DeadlineReached, Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived
 from autonomy.mavlink.codec import Codec
+from autonomy.mavlink.signing import Signing, SigningKey
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell.journal import Journal
 from sim.autopilot import Autopilot, Mode
 from sim.router import Router
 
-_CORE, _OPERATOR = "core", "operator"
+_CORE, _OPERATOR, _STRANGER = "core", "operator", "stranger"
 _LONGEST_STEP_S = 1.0
 _SHORTEST_STEP_S = 1e-3
 _START_S = 1000.0
+_START_UTC_S = 1_700_000_000.0
 
 JobRunner = Callable[[str, Any, SurveyArea], Any]
 
@@ -44,6 +46,7 @@ class DiscreteRun:
             a run, so at 20 it is over much sooner, at the price of decisions that are twenty times as rare.
         linked: whether the link between the two carries anything; see `cut_link`.
         passes: which messages of the core the link carries.
+        key: what all sign with; None: nobody does.
         journal: where the run is recorded; whoever opened it closes it.
         log: lines of the core's log, with their time.
         published: what went ashore, by topic, in order.
@@ -59,15 +62,17 @@ class DiscreteRun:
     speedup: float = 1.0
     linked: bool = True
     passes: Callable[[Any], bool] = lambda message: True
+    key: SigningKey | None = None
     journal: Journal | None = None
     log: list[tuple[float, str]] = field(default_factory=list)
     published: dict[Topic, list[Any]] = field(default_factory=lambda: {topic: [] for topic in Topic})
     sent: list[tuple[float, Any]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._router = Router(self.autopilot)
-        self._own = Codec(self.autopilot.system_id, 191)
-        self._operator = Codec(255, mavlink.MAV_COMP_ID_MISSIONPLANNER)
+        self._router = Router(self.autopilot, self._new_signing())
+        self.signing = self._new_signing()
+        self._own = Codec(self.autopilot.system_id, 191, self.signing)
+        self._operator = Codec(255, mavlink.MAV_COMP_ID_MISSIONPLANNER, self._new_signing())
         self._pending: list[tuple[float, Event]] = []
         self._arrived: deque[bytes] = deque()
         self._delivering = False
@@ -123,12 +128,17 @@ class DiscreteRun:
     def replace_autopilot(self, autopilot: Autopilot) -> None:
         """The autopilot starts again, as another object; it has forgotten every stream that was asked of it."""
         self.autopilot = autopilot
-        self._router = Router(autopilot)
+        self._router = Router(autopilot, self._new_signing())
         self._router.join(self.now, _CORE)
 
     def operate(self, message: Any) -> None:
         """The operator's ground station sends a message to the vessel."""
         self._arrive(self._router.receive(self.now, _OPERATOR, self._operator.encode(message)))
+
+    def intrude(self, packet: bytes) -> None:
+        """A stranger on the link sends bytes to the core and to the vessel."""
+        self._arrived.append(packet)
+        self._arrive(self._router.receive(self.now, _STRANGER, packet))
 
     def arm(self, *, armed: bool = True) -> None:
         """The operator arms the boat or disarms it."""
@@ -148,6 +158,9 @@ class DiscreteRun:
             raise RuntimeError(f"no mission on board after {patience_s:g} s: {self.log[-3:]}")
         self.arm()
         self.select(Mode.AUTO)
+
+    def _new_signing(self) -> Signing | None:
+        return None if self.key is None else Signing(self.key, lambda: _START_UTC_S + self.now)
 
     def _command(self, command: int, *parameters: float) -> None:
         padded = [*parameters, *[0.0] * (7 - len(parameters))]

@@ -10,6 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mav
 
+from autonomy.mavlink.signing import Signing
 from sim.autopilot import ALL, COMPONENT_ID, HEARD, Autopilot, Outgoing
 
 Packets = list[tuple[Any, bytes]]  # (client, one packed message)
@@ -29,10 +30,15 @@ class _Port:
 
 
 class Router:
-    """The autopilot and its clients; everything it returns is (client, one packed message)."""
+    """The autopilot and its clients; everything it returns is (client, one packed message).
 
-    def __init__(self, autopilot: Autopilot) -> None:
+    With `signing` it hears only what is signed with its key, and signs what it says. What it passes on keeps the
+    signature of whoever sent it. Like ArduPilot's its words go to whoever speaks, understood or not.
+    """
+
+    def __init__(self, autopilot: Autopilot, signing: Signing | None = None) -> None:
         self.autopilot = autopilot
+        self._signing = signing
         self._packer = mav.MAVLink(None, autopilot.system_id, COMPONENT_ID)
         probe = autopilot.options.probe_component
         self._probe = None if probe is None else mav.MAVLink(None, autopilot.system_id, probe)
@@ -59,8 +65,10 @@ class Router:
             source = (message.get_srcSystem(), message.get_srcComponent())
             if source == (self.autopilot.system_id, COMPONENT_ID):
                 continue  # somebody calls himself by our name
-            self._ports[client].components.add(source)
             raw = bytes(message.get_msgbuf())
+            if self._signing is not None and self._signing.check(raw, *source, message.get_msgId()):
+                continue
+            self._ports[client].components.add(source)
             packets += [(other, raw) for other in self._others_for(message, client)]
             packets += self._packed(self.autopilot.handle(now, message, client))
         return packets
@@ -90,7 +98,10 @@ class Router:
             for client in self._receivers(target):
                 port = self._ports.get(client)
                 if port is not None:
-                    packets.append((client, _numbered(packet, port.sequence, message.crc_extra)))
+                    numbered = _numbered(packet, port.sequence, message.crc_extra)
+                    if self._signing is not None:
+                        numbered = self._signing.sign(numbered, message.crc_extra)
+                    packets.append((client, numbered))
                     port.sequence = (port.sequence + 1) & 0xFF
         return packets
 

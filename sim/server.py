@@ -4,6 +4,7 @@ import asyncio
 import logging
 from collections.abc import Sequence
 
+from autonomy.mavlink.signing import Signing
 from sim.autopilot import Autopilot
 from sim.endpoints import Callbacks, Client, Endpoint, OpenEndpoint, TcpClient, open_endpoint
 from sim.router import Packets, Router
@@ -31,6 +32,7 @@ class VesselServer:
         endpoints: Sequence[Endpoint],
         speedup: float = 1.0,
         sitl_timers: bool = False,
+        signing: Signing | None = None,
     ) -> None:
         if not speedup > 0.0:
             raise ValueError(f"the speed-up must be positive, got {speedup}")
@@ -39,7 +41,7 @@ class VesselServer:
         self.step_s = min(1.0, _TICK_S * speedup)
         self._endpoints = endpoints
         self._sitl_timers = sitl_timers
-        self._router = Router(autopilot)
+        self._router = Router(autopilot, signing)
         self._open: list[OpenEndpoint] = []
         self._clients: dict[Client, None] = {}
         self._behind_told = False

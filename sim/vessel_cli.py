@@ -4,14 +4,18 @@ import argparse
 import asyncio
 import logging
 import math
+import os
 import signal
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
+from autonomy.config import SigningSection
+from autonomy.mavlink.signing import KeyFileError, Signing, read_key
 from sim.autopilot import Autopilot, Options
 from sim.endpoints import Endpoint
 from sim.field import Field, FieldError, lattice, open_field, shrunk
@@ -133,6 +137,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="uploads as in the MAVLink guide: atomic, ended by an item out of turn, sailed from the first item",
     )
+    autopilot.add_argument(
+        "--signing-key",
+        type=Path,
+        metavar="FILE",
+        help="hear only what is signed with the key in this file, and sign what is said",
+    )
+    autopilot.add_argument(
+        "--signing-form",
+        choices=("passphrase", "key"),
+        default="passphrase",
+        help="what the file holds: a passphrase, whose SHA-256 is the key, or the key itself",
+    )
     autopilot.add_argument("--verbose", action="store_true", help="log clients and socket errors")
 
 
@@ -148,22 +164,28 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.shrink_to_m is not None:
             field = shrunk(field, arguments.shrink_to_m)
         autopilot = _autopilot(arguments, field)
-        asyncio.run(_serve(arguments, autopilot))
+        asyncio.run(_serve(arguments, autopilot, _signing(arguments)))
     except CannotListenError as error:
         print(f"sim vessel: cannot open {error}", file=sys.stderr)
         return 2
-    except (FieldError, UsageError) as error:
+    except (FieldError, KeyFileError, UsageError) as error:
         print(f"sim vessel: {error}", file=sys.stderr)
         return 2
     return 0
 
 
-async def _serve(arguments: argparse.Namespace, autopilot: Autopilot) -> None:
+def _signing(arguments: argparse.Namespace) -> Signing | None:
+    key = read_key(SigningSection(key_file=arguments.signing_key, form=arguments.signing_form), os.environ)
+    return None if key is None else Signing(key, time.time)
+
+
+async def _serve(arguments: argparse.Namespace, autopilot: Autopilot, signing: Signing | None) -> None:
     server = VesselServer(
         autopilot,
         arguments.listen or [DEFAULT_ENDPOINT],
         speedup=arguments.speedup,
         sitl_timers=arguments.sitl_timers,
+        signing=signing,
     )
     loop = asyncio.get_running_loop()
     for each in (signal.SIGTERM, signal.SIGINT):

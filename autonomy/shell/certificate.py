@@ -43,7 +43,9 @@ def doubt(vehicle: str, certificate: Path | None, private_key: Path | None) -> s
     except ValueError as error:
         return f"routers will refuse the vehicle's certificate: {error}"
     if shown.common_name != vehicle:
-        return f"the certificate is {shown.common_name}'s, not {vehicle}'s: routers that go by names refuse it"
+        return (
+            f"the certificate is {shown.common_name}'s, not {vehicle}'s: routers that go by names refuse it"
+        )
     if shown.expires_utc_s - time.time() < _EXPIRES_SOON_S:
         when = time.strftime("%Y-%m-%d", time.gmtime(shown.expires_utc_s))
         return f"the certificate expires on {when}"

@@ -284,7 +284,4 @@ class Daemon:
 def _certificates(shore: ShoreSection) -> Certificates:
     """The files of the configuration as zenoh wants them."""
     tls = shore.tls
-    root_ca, certificate, key = (
-        None if file is None else str(file) for file in (tls.root_ca, tls.certificate, tls.private_key)
-    )
-    return Certificates(root_ca, certificate, key, tls.verify_name)
+    return Certificates(tls.root_ca, tls.certificate, tls.private_key, tls.verify_name)

@@ -14,7 +14,7 @@ import zenoh
 
 from autonomy import wire
 from autonomy.effects import Topic
-from autonomy.endpoints import session_settings
+from autonomy.endpoints import Certificates, session_settings
 from autonomy.zenoh_session import zenoh_config
 
 log = logging.getLogger(__name__)
@@ -88,6 +88,7 @@ class Subscriber:
         listen: endpoints at which to be the router itself. One of the two must be given, not both.
         on_update: called with every update in the subscriber's thread, after the latest values have changed.
         track_limit: observations kept per vehicle.
+        certificates: for addresses that begin with tls/ or quic/.
 
     Raises:
         ValueError: a name or an endpoint isn't one, or not exactly one of connect and listen is given.
@@ -101,13 +102,14 @@ class Subscriber:
         listen: Sequence[str] = (),
         on_update: Callable[[Update], None] | None = None,
         track_limit: int = 20_000,
+        certificates: Certificates | None = None,
     ) -> None:
         if vehicle != "*" and not wire.VEHICLE_NAME.fullmatch(vehicle):
             raise ValueError(f"not a vehicle: {vehicle!r}: must be * or match {wire.VEHICLE_NAME.pattern}")
         if bool(connect) == bool(listen):
             raise ValueError("either connect to a router or listen as one")
         mode: Literal["router", "client"] = "router" if listen else "client"
-        self._settings = session_settings(mode, connect=connect, listen=listen)
+        self._settings = session_settings(mode, connect=connect, listen=listen, certificates=certificates)
         self._listen = list(listen)
         self._selector = vehicle
         self._on_update = on_update

@@ -17,7 +17,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from autonomy.endpoints import check_endpoint
+from autonomy.config.private import PrivateFileError, read_private
+from autonomy.endpoints import Certificates, check_endpoint, is_encrypted
 from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.description import describe
 from autonomy.learning.kernel import Component
@@ -51,6 +52,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="be a client of that router",
     )
+    tls = parser.add_argument_group("certificates, for addresses that begin with tls/ or quic/ (PEM files)")
+    tls.add_argument("--ca", type=Path, metavar="FILE", help="of the authority that the others' come from")
+    tls.add_argument("--certificate", type=Path, metavar="FILE", help="our own; who listens needs one")
+    tls.add_argument("--key", type=Path, metavar="FILE", help="its private key; only its owner may read it")
     parser.add_argument("--png", type=Path, metavar="FILE", help="keep the latest map in this picture")
     parser.add_argument("--json", action="store_true", help="print a JSON object per snapshot, not text")
     parser.add_argument("--count", type=_positive_count, metavar="N", help="end after N snapshots")
@@ -71,9 +76,17 @@ def run(args: argparse.Namespace) -> int:
         draw = _painter()
         if draw is None:
             return _complain(EXIT_USAGE, "--png needs matplotlib: pip install 'halocline[shore]'")
+    try:
+        certificates = _certificates(args)
+    except ValueError as error:
+        return _complain(EXIT_USAGE, str(error))
     updates: queue.Queue[Update] = queue.Queue(_UPDATES_LIMIT)
     subscriber = Subscriber(
-        args.vehicle, args.connect or (), args.listen or (), on_update=partial(_offer, updates)
+        args.vehicle,
+        args.connect or (),
+        args.listen or (),
+        on_update=partial(_offer, updates),
+        certificates=certificates,
     )
     with _stop_on_signals() as stopping:
         try:
@@ -244,6 +257,23 @@ def _stop_on_signals() -> Iterator[threading.Event]:
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
+
+
+def _certificates(args: argparse.Namespace) -> Certificates:
+    """What the arguments name; ValueError if it can't serve."""
+    if (args.certificate is None) != (args.key is None):
+        raise ValueError("--certificate and --key belong together")
+    if args.listen and any(map(is_encrypted, args.listen)) and (args.certificate is None or args.ca is None):
+        raise ValueError("to listen with tls/ or quic/ needs --ca, --certificate and --key")
+    for option, file in (("--ca", args.ca), ("--certificate", args.certificate)):
+        if file is not None and not os.access(file, os.R_OK):
+            raise ValueError(f"{option}: no readable file {str(file)!a}")
+    if args.key is not None:
+        try:
+            read_private(args.key, os.environ)
+        except PrivateFileError as error:
+            raise ValueError(f"--key: {error}") from None
+    return Certificates(args.ca, args.certificate, args.key)
 
 
 def _offer(updates: "queue.Queue[Update]", update: Update) -> None:

@@ -14,6 +14,7 @@ from autonomy.config import Configuration
 from autonomy.core import Core
 from autonomy.effects import Topic
 from autonomy.geometry import FloatArray, LocalFrame
+from autonomy.mavlink.signing import SigningKey
 from autonomy.planning.survey import SurveyArea
 from sim.autopilot import Autopilot, Options
 from sim.autopilot.missions import MissionItem
@@ -219,6 +220,7 @@ def make_voyage(survey: SurveyArea) -> Callable[..., Voyage]:
         autopilot: Autopilot | None = None,
         run_job: Callable[..., Any] = jobs.run,
         seed: int = 0,
+        key: SigningKey | None = None,
         **sections: dict[str, Any],
     ) -> Voyage:
         settings: dict[str, Any] = {name: dict(section) for name, section in SETTINGS.items()}
@@ -226,7 +228,8 @@ def make_voyage(survey: SurveyArea) -> Callable[..., Voyage]:
             settings.setdefault(name, {}).update(section)
         configuration = Configuration.model_validate({**settings, "seed": seed})
         core = Core(configuration, survey)
-        return Voyage(core, boat(seed=seed) if autopilot is None else autopilot, survey, run_job=run_job)
+        autopilot = boat(seed=seed) if autopilot is None else autopilot
+        return Voyage(core, autopilot, survey, run_job=run_job, key=key)
 
     return make
 
