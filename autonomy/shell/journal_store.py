@@ -7,6 +7,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import shutil
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -22,7 +23,11 @@ from autonomy.shell.journal_files import JournalFile, Position, file_name, journ
 RETRY_S = 5.0
 """Pause after the disk refused a file before another is begun."""
 
+MOST_ROOM_BYTES = 64 * 10**6
+"""What is left of a disk to others, if a file of the journal is larger than that."""
+
 _LOCK = "lock"
+_FULL_DISK = "the disk is full: the oldest files are given up"
 FULL = (errno.ENOSPC, errno.EDQUOT)
 """What a disk says that has no room left."""
 
@@ -89,6 +94,7 @@ class Store:
         header: what each file begins with; run, file and first record are added.
         clock: seconds, for ages and pauses.
         write: as `os.write`.
+        free: bytes that are free on the disk of a folder.
 
     Raises:
         OSError: the folder can't be made, read or locked; BlockingIOError if another process writes a journal there.
@@ -101,9 +107,10 @@ class Store:
         header: dict[str, Any],
         clock: Callable[[], float] = time.monotonic,
         write: Callable[[int, bytes], int] = os.write,
+        free: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
     ) -> None:
         self._folder, self._limits, self._header = folder, limits, header
-        self._clock, self._write = clock, write
+        self._clock, self._write, self._free = clock, write, free
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = _locked(folder / _LOCK)
         old = journal_files(folder)
@@ -115,6 +122,7 @@ class Store:
         self._files = 0
         self._open: _Open | None = None
         self._not_before = -float("inf")
+        self._relief_not_before = -float("inf")
         self._rows: list[Row] = []
         self._buffer = bytearray()
         self._stream = bytearray()
@@ -147,6 +155,7 @@ class Store:
                 self._packets += 1
         self._flush()
         self._keep_bound()
+        self._keep_room()
 
     def sync(self) -> None:
         """Wait until what was written is on the disk."""
@@ -255,7 +264,7 @@ class Store:
         if error.errno not in FULL or not self._old:
             return False
         self._remove_oldest()
-        self.trouble = f"{error.strerror}: the oldest files are given up"
+        self.trouble = _FULL_DISK
         return True
 
     def _remove_oldest(self) -> None:
@@ -268,6 +277,25 @@ class Store:
     def _keep_bound(self) -> None:
         while self._old and self.total_bytes > self._limits.total_bytes:
             self._remove_oldest()
+
+    def _keep_room(self) -> None:
+        """Leave the disk's last bytes, as many as a file of the journal takes, to others: checkpoints above all."""
+        while self._old and self._clock() >= self._relief_not_before:
+            free = self._free_bytes()
+            if free >= min(self._limits.file_bytes, MOST_ROOM_BYTES):
+                return
+            size = self._old[0][1]
+            self._remove_oldest()
+            self.trouble = _FULL_DISK
+            if self._free_bytes() < free + size // 2:
+                # Somebody else has taken it, or the file system frees it later: not all shall go for that.
+                self._relief_not_before = self._clock() + RETRY_S
+
+    def _free_bytes(self) -> float:
+        try:
+            return self._free(self._folder)
+        except OSError:
+            return float("inf")
 
     def _lose(self, item: Row | Packet) -> None:
         if isinstance(item, Row):

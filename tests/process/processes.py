@@ -46,7 +46,7 @@ class Running:
         self._last_words: str | None = None
         with log.open("wb") as file:
             self.popen = subprocess.Popen(
-                [sys.executable, *words],
+                words,
                 stdin=subprocess.DEVNULL,
                 stdout=file,
                 stderr=file,
@@ -139,12 +139,16 @@ class Processes:
 
     def start(self, *words: str, environment: Mapping[str, str] | None = None) -> Running:
         """Start `python WORDS`."""
+        return self.program(sys.executable, *words, environment=environment)
+
+    def program(self, *words: str, environment: Mapping[str, str] | None = None) -> Running:
+        """Start any program."""
         return self._kept(Running(words, self._next_log(), environment or {}))
 
     def vessel(self, *options: str) -> Vessel:
         """Start `sim vessel` and wait until it is ready; it listens on a free UDP port unless told otherwise."""
         where = () if "--listen" in options else ("--listen", "udpin:127.0.0.1:0")
-        vessel = Vessel(("-m", "sim", "vessel", *where, *options), self._next_log(), {})
+        vessel = Vessel((sys.executable, "-m", "sim", "vessel", *where, *options), self._next_log(), {})
         self._kept(vessel)
         vessel.wait_for("ready on")
         found = re.search(r"udpin:127\.0\.0\.1:(\d+)", vessel.said)

@@ -76,10 +76,13 @@ class Disk:
     def write(self, descriptor: int, data: bytes) -> int:
         if self.error is not None:
             raise self.error
-        free = self.room - sum(path.stat().st_size for path in self.folder.iterdir())
-        if free <= 0:
+        if self.free <= 0:
             raise FULL
-        return os.write(descriptor, data[:free])
+        return os.write(descriptor, data[: self.free])
+
+    @property
+    def free(self) -> int:
+        return self.room - sum(path.stat().st_size for path in self.folder.iterdir())
 
 
 # Writing and reading again -----------------------------------------------------------------------------------
@@ -271,13 +274,42 @@ def test_a_full_disk_costs_the_oldest_files(tmp_path: Path, header) -> None:
     for number in range(1, 201):
         store.write([row(number, 500), Packet(number, bytes(100))])
         seen.add(store.trouble)
-    assert seen == {"", "No space left on device: the oldest files are given up"}
+    assert seen == {"", "the disk is full: the oldest files are given up"}
     assert (store.lost_records, store.lost_packets) == (0, 0)
     store.close()
     kept = numbers(tmp_path)
     assert kept == list(range(kept[0], 201))
     assert len(kept) > 20
     assert [text for text in troubles(tmp_path) if "damaged" in text] == []
+
+
+def test_the_last_of_the_disk_is_left_to_checkpoints(tmp_path: Path, header) -> None:
+    disk = Disk(tmp_path, 40_000)
+    store = Store(
+        tmp_path, Limits(8000, 1e9, 10**9), header, write=disk.write, free=lambda _folder: disk.free
+    )
+    for number in range(1, 201):
+        store.write([row(number, 500), Packet(number, bytes(100))])
+        assert disk.free >= 8000
+    assert store.trouble == "the disk is full: the oldest files are given up"
+    assert store.lost_records == 0
+    store.close()
+    assert numbers(tmp_path)[0] > 100
+
+
+def test_a_disk_that_frees_nothing_does_not_cost_the_whole_journal(tmp_path: Path, header) -> None:
+    """Snapshots hold what was removed, or somebody else takes it at once."""
+    clock = [0.0]
+    store = Store(
+        tmp_path, Limits(8000, 1e9, 10**9), header, clock=lambda: clock[0], free=lambda _folder: 100
+    )
+    for number in range(1, 101):
+        store.write([row(number, 500)])
+    assert [file.number for file in journal_files(tmp_path)][:2] == [2, 3]
+    clock[0] += RETRY_S
+    store.write([row(101, 500)])
+    assert [file.number for file in journal_files(tmp_path)][:2] == [3, 4]
+    store.close()
 
 
 def test_a_disk_filled_by_others_loses_and_counts_and_goes_on_later(tmp_path: Path, header) -> None:
