@@ -113,7 +113,7 @@ def test_a_long_route_is_sailed_in_stretches_without_a_stop(make_voyage):
     )
     voyage.start()
     voyage.advance(120.0, until=lambda: voyage.autopilot.vessel.distance_sailed_m > 200.0)
-    spare_m, track = [], []
+    spare_m, track, end_m = [], [], corners[4]
     while len(office.requests) < 2 and len(track) < 2000:
         voyage.advance(0.5)
         track.append(voyage.survey.frame.to_local(*voyage.autopilot.vessel.position))
