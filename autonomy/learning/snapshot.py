@@ -51,6 +51,10 @@ _MAXIMUM_COMPONENTS = 8
 _MAXIMUM_DIMENSIONS = 8
 # How far eigenvalues of I − S may leave [0, 1]: rounding takes a hundredth of it.
 _SLACK = 1e-3
+# Beyond these nothing is measured, and squares begin to overflow: metres, and whatever the variable is measured in.
+_PLACES_M = 1e9
+_SCALES_M = (1e-3, 1e12)
+_VALUES = 1e30
 
 _FLOAT32_LE, _FLOAT64_LE = 85, 86
 _DTYPES: dict[int, np.dtype[Any]] = {_FLOAT32_LE: np.dtype("<f4"), _FLOAT64_LE: np.dtype("<f8")}
@@ -176,8 +180,8 @@ def _model(document: dict[str, Any]) -> FieldModel:
     jitter, prior_mean = _number(document, "jitter"), _number(document, "prior_mean")
     if not 0 < jitter <= 1e-2:
         raise SnapshotError(f"jitter: {jitter!r} is not in (0, 0.01]")
-    if not math.isfinite(prior_mean):
-        raise SnapshotError(f"prior_mean: {prior_mean!r} is not finite")
+    if not abs(prior_mean) <= _VALUES:
+        raise SnapshotError(f"prior_mean: {prior_mean!r} is not within ±{_VALUES:g}")
     coordinates = _array(document, "basis", _FLOAT64_LE)
     m, rest = divmod(len(coordinates), kernel.dimensions)
     if rest or m * kernel.states > MAXIMUM_STATES:
@@ -185,6 +189,8 @@ def _model(document: dict[str, Any]) -> FieldModel:
             f"basis: {len(coordinates)} numbers are not places of {kernel.dimensions} axes "
             f"within the limit of {MAXIMUM_STATES // kernel.states} places"
         )
+    if m and np.abs(coordinates).max() > _PLACES_M:
+        raise SnapshotError(f"basis: it reaches farther than {_PLACES_M:g} m")
     basis = coordinates.reshape(m, kernel.dimensions)
     mean, covariance = _state(document, kernel, m)
     try:
@@ -222,7 +228,7 @@ def _kernel(document: dict[str, Any]) -> Kernel:
             components.append(_component(item))
         except (ValueError, OverflowError) as error:
             raise SnapshotError(f"components[{i}]: {error}") from error
-    noise = _number(document, "noise_variance")
+    noise = _bounded(document, "noise_variance")
     try:
         return Kernel(tuple(components), noise)
     except ValueError as error:
@@ -238,8 +244,12 @@ def _component(item: object) -> Component:
     for value in scales:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise SnapshotError(f"lengthscales_m: {value!r:.60} is not a number")
+        if not _SCALES_M[0] <= value <= _SCALES_M[1]:
+            raise SnapshotError(
+                f"lengthscales_m: {value!r:.60} is not from {_SCALES_M[0]:g} to {_SCALES_M[1]:g} m"
+            )
     space = SPATIAL[_name(item, "space", SPATIAL)](tuple(scales))
-    return Component(_number(item, "variance"), space, _time(item))
+    return Component(_bounded(item, "variance"), space, _time(item))
 
 
 def _time(item: dict[str, Any]) -> TemporalKernel:
@@ -278,6 +288,14 @@ def _number(document: dict[str, Any], name: str) -> float:
         raise SnapshotError(f"{name}: {error}") from error
 
 
+def _bounded(document: dict[str, Any], name: str) -> float:
+    """A variance; whether it is positive is for the kernel to say."""
+    value = _number(document, name)
+    if not abs(value) <= _VALUES:
+        raise SnapshotError(f"{name}: {value!r} is more than {_VALUES:g}")
+    return value
+
+
 def _array(document: dict[str, Any], name: str, tag: int, length: int | None = None) -> FloatArray:
     value = document.get(name)
     if not isinstance(value, cbor2.CBORTag) or value.tag != tag or not isinstance(value.value, bytes):
@@ -287,10 +305,10 @@ def _array(document: dict[str, Any], name: str, tag: int, length: int | None = N
     if rest or (length is not None and count != length):
         wanted = "whole numbers" if length is None else f"{length} numbers"
         raise SnapshotError(f"{name}: {len(value.value)} bytes are not {wanted} of {dtype.itemsize} bytes")
-    array: FloatArray = np.frombuffer(value.value, dtype=dtype).astype(np.float64)
+    array = np.frombuffer(value.value, dtype=dtype)
     if not np.isfinite(array).all():
         raise SnapshotError(f"{name}[{int(np.argmin(np.isfinite(array)))}]: not finite")
-    return array
+    return array.astype(np.float64)
 
 
 def _metadata(value: object) -> Mapping[str, Scalar]:
