@@ -163,4 +163,4 @@ class Drafting:
 
 def route_of(lattice: WaterLattice, draft: Draft, chain: Sequence[int]) -> FloatArray:
     """Corners of head, chain and tail, the start excluded, shape (k, 2)."""
-    return np.concatenate([draft.head_m[1:], lattice.points_m[list(chain[1:])], draft.tail_m[1:]])
+    return np.concatenate([draft.head_m[1:], lattice.corners(chain)[1:], draft.tail_m[1:]])

@@ -1,7 +1,9 @@
 """The water of a survey as some hundred equal cells, and the short legs between those that see each other."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -12,22 +14,21 @@ from scipy.spatial import cKDTree
 
 from autonomy.geometry import FloatArray
 from autonomy.planning.errors import Unreachable
+from autonomy.planning.lattice_legs import legs_between, parts_of
 from autonomy.planning.raster import BoolArray, IntArray
 from autonomy.planning.survey import SurveyArea
 
 __all__ = ["WaterLattice", "water_lattice_of"]
 
 _CELLS = 690
-_LONGEST_LEG = 0.16
-"""Of √(water area)."""
 _NEAR = 0.1
-_PARTS = 16
-"""Points of a leg that are asked which cell they lie in."""
+_PART = 0.01
+"""A way is looked at in pieces of this share of √(water area), each of which lies in one cell."""
 
 
 @dataclass(frozen=True, eq=False)
 class WaterLattice:
-    """Cells of a survey's water, N of them, and P short straight legs between the centres of navigable ones.
+    """Cells of a survey's water, N of them, and P short legs between the centres of navigable ones.
 
     Attributes:
         side_m: √(water area), the unit of lengths in planning.
@@ -53,6 +54,7 @@ class WaterLattice:
     leg_parts_m: FloatArray
     near: IntArray
     near_count: IntArray
+    _bends: dict[int, FloatArray] = field(repr=False)
     _tree: cKDTree = field(repr=False)
     _graph: csr_array = field(repr=False)
 
@@ -99,15 +101,18 @@ class WaterLattice:
 
     def readings_along(self, corners_m: FloatArray, spacing_m: float) -> FloatArray:
         """The same on a polyline (k, 2) through anywhere."""
-        starts, steps = corners_m[:-1], np.diff(corners_m, axis=0)
-        count = np.maximum(1, np.ceil(np.hypot(*steps.T) / (0.25 * _LONGEST_LEG * self.side_m / 4))).astype(
-            int
-        )
-        leg = np.repeat(np.arange(len(starts)), count)
-        place = np.concatenate([(np.arange(n) + 0.5) / n for n in count]) if len(count) else np.empty(0)
-        cells = self.cells_at(starts[leg] + place[:, None] * steps[leg])
-        parts_m: FloatArray = np.hypot(*steps[leg].T) / count[leg]
+        _, cells, parts_m = parts_of(self._tree, [corners_m], _PART * self.side_m)
         return np.asarray(np.bincount(cells, parts_m / spacing_m, len(self)), dtype=float)
+
+    def corners(self, chain: Sequence[int]) -> FloatArray:
+        """The way through neighbouring cells of `chain`, their centres and bends between them, shape (k, 2)."""
+        ways = [self.points_m[list(chain[:1])]]
+        for a, b in pairwise(chain):
+            bend = self._bends.get(int(self.leg_number[a, b]))
+            if bend is not None:
+                ways.append(bend if a < b else bend[::-1])
+            ways.append(self.points_m[[b]])
+        return np.concatenate(ways)
 
 
 @lru_cache(maxsize=4)
@@ -116,31 +121,27 @@ def water_lattice_of(survey: SurveyArea) -> WaterLattice:
     side_m = float(np.sqrt(survey.area_m2))
     points = _centres(survey, side_m / np.sqrt(_CELLS))
     navigable = survey.is_navigable(points)
-    tree = cKDTree(points)
-    pairs = tree.query_pairs(_LONGEST_LEG * side_m, output_type="ndarray")
-    pairs = pairs[navigable[pairs].all(axis=1)]
-    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    pairs = pairs[survey.legs_are_clear(points[pairs[:, 0]], points[pairs[:, 1]])]
-    lengths = np.hypot(*(points[pairs[:, 1]] - points[pairs[:, 0]]).T)
-    number = np.full((len(points), len(points)), len(pairs), dtype=np.intp)
-    number[pairs[:, 0], pairs[:, 1]] = number[pairs[:, 1], pairs[:, 0]] = np.arange(len(pairs))
-    np.fill_diagonal(number, len(pairs) + 1)
-    near, near_count = _near(pairs[lengths <= _NEAR * side_m], len(points))
-    cells, parts = _passed(tree, points[pairs[:, 0]], points[pairs[:, 1]], lengths)
-    graph = csr_array((lengths, (pairs[:, 0], pairs[:, 1])), shape=number.shape)
+    legs = legs_between(survey, points, navigable, side_m)
+    P, N = len(legs.ends), len(points)
+    number = np.full((N, N), P, dtype=np.intp)
+    number[legs.ends[:, 0], legs.ends[:, 1]] = number[legs.ends[:, 1], legs.ends[:, 0]] = np.arange(P)
+    np.fill_diagonal(number, P + 1)
+    near, near_count = _near(legs.ends[legs.length_m <= _NEAR * side_m], N)
+    none = np.zeros((2, legs.cells.shape[1]))
     return WaterLattice(
-        side_m,
-        points,
-        shore_distance(survey, points),
-        navigable,
-        number,
-        np.append(lengths, [0.0, 0.0]),
-        cells,
-        parts,
-        near,
-        near_count,
-        tree,
-        graph,
+        side_m=side_m,
+        points_m=points,
+        shore=shore_distance(survey, points),
+        navigable=navigable,
+        leg_number=number,
+        leg_length_m=np.append(legs.length_m, none[:, 0]),
+        leg_cells=np.concatenate([legs.cells, none.astype(np.intp)]),
+        leg_parts_m=np.concatenate([legs.parts_m, none]),
+        near=near,
+        near_count=near_count,
+        _bends=legs.bends,
+        _tree=cKDTree(points),
+        _graph=legs.graph(N),
     )
 
 
@@ -174,21 +175,3 @@ def _near(pairs: IntArray, cells: int) -> tuple[IntArray, IntArray]:
     near = np.tile(np.arange(cells)[:, None], (1, max(1, int(count.max(initial=0)))))
     near[both[:, 0], np.arange(len(both)) - np.searchsorted(both[:, 0], both[:, 0])] = both[:, 1]
     return near, np.maximum(count, 1)
-
-
-def _passed(
-    tree: cKDTree, starts: FloatArray, ends: FloatArray, lengths: FloatArray
-) -> tuple[IntArray, FloatArray]:
-    """Cells that each leg passes and how far, both (P + 2, c); none in the last rows."""
-    P, N = len(starts), tree.n
-    share = (np.arange(_PARTS) + 0.5) / _PARTS
-    places = starts[:, None] + share[:, None] * (ends - starts)[:, None]
-    at = np.asarray(tree.query(places.reshape(-1, 2))[1], dtype=np.intp).reshape(P, _PARTS)
-    key, count = np.unique((np.arange(P)[:, None] * N + at).ravel(), return_counts=True)
-    leg, cell = np.divmod(key, N)
-    slot = np.arange(len(key)) - np.searchsorted(leg, leg)
-    width = int(slot.max(initial=0)) + 1
-    cells, parts = np.zeros((P + 2, width), dtype=np.intp), np.zeros((P + 2, width))
-    cells[leg, slot] = cell
-    parts[leg, slot] = count / _PARTS * lengths[leg]
-    return cells, parts

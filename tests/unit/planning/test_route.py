@@ -39,7 +39,7 @@ def bay():
 def asked(bay, **changes):
     side_m = float(np.sqrt(bay.area_m2))
     request = PlanRequest(
-        MODEL, np.array([600.0, 3000.0]), 20, (12, 12), "test", budget_m=4 * side_m, iterations=12
+        MODEL, np.array([600.0, 3000.0]), 20, (12, 12), "test", budget_m=4 * side_m, iterations=24
     )
     return replace(request, **changes)
 
