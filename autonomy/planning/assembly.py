@@ -120,6 +120,20 @@ def information_of_spots(request: PlanRequest, spots_m: FloatArray, sites_m: Flo
         raise PlanningError(f"the model's covariance cannot be planned with: {error}") from error
 
 
+def along(places_m: ArrayLike, passage: Passage) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """A route from each of the places, shape (n, 2), to the next: as `assemble`, for many places in a known order.
+
+    Raises:
+        Unreachable: there is no way between two places that follow each other.
+    """
+    corners, marks = [np.empty((0, 2))], [np.empty(0, dtype=bool)]
+    for a, b in pairwise(np.asarray(places_m, dtype=float).reshape(-1, 2)):
+        leg = passage.path(a, b)[1:]
+        corners.append(leg)
+        marks.append(np.arange(len(leg)) == len(leg) - 1)
+    return np.concatenate(corners), np.concatenate(marks)
+
+
 def verify(start_m: ArrayLike, route_m: ArrayLike, survey: SurveyArea) -> None:
     """Check every leg of a route, corners (k, 2) without the start, against the polygons themselves.
 

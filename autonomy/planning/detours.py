@@ -72,6 +72,18 @@ class Detours:
         lengths[bent] = np.maximum(lengths[bent], along)
         return lengths
 
+    def between(self, points_m: ArrayLike) -> FloatArray:
+        """Rough lengths between all pairs of points, shape (n, 2); shape (n, n), inf where there is no way."""
+        points = np.asarray(points_m, dtype=float).reshape(-1, 2)
+        first, second = np.triu_indices(len(points), 1)
+        lengths = np.hypot(*(points[first] - points[second]).T)
+        bent = ~self._survey.legs_are_clear(points[first], points[second])
+        along = self._fine.all_distances(points)[first[bent], second[bent]]
+        lengths[bent] = np.maximum(lengths[bent], along)
+        matrix = np.zeros((len(points), len(points)))
+        matrix[first, second] = matrix[second, first] = lengths
+        return matrix
+
 
 class _Cells:
     """The passable cells of one raster and the distances along its graph, each looked for once."""
@@ -95,6 +107,13 @@ class _Cells:
         """Between the cells nearest to starts and ends, both shape (n, 2); shape (n,), inf where there is no way."""
         pairs = np.sort(np.stack([self.nearest(starts_m), self.nearest(ends_m)], axis=-1), axis=1)
         return np.array([self._between(tail, head) for tail, head in pairs.tolist()])
+
+    def all_distances(self, points_m: FloatArray) -> FloatArray:
+        """Between the cells nearest to all points, shape (n, 2); shape (n, n)."""
+        cells = self.nearest(points_m)
+        # One search at a time: all together would fill n × all cells.
+        rows = [dijkstra(self._graph, indices=cell)[cells] for cell in cells.tolist()]
+        return np.array(rows).reshape(len(cells), len(cells))
 
     def _between(self, tail: int, head: int) -> float:
         if tail < 0 or self.basins[tail] != self.basins[head]:

@@ -25,6 +25,7 @@ def select_by_exchange(
     *,
     seed: int = 0,
     first: Sequence[Sequence[int]] = (),
+    loyalty: float = 0.0,
     noise_variance: float | None = None,
 ) -> Selection:
     """A set of n sites that no single swap improves: the best of several in true mutual information.
@@ -38,6 +39,7 @@ def select_by_exchange(
         n: how many sites, 1 … N.
         seed: of the random first choices.
         first: more choices to begin from, each of distinct sites; short ones are filled up greedily, long ones cut.
+        loyalty: share of the mutual information that may be given up for what comes of the first of the given choices.
         noise_variance: that S includes, for the selection's other figures.
 
     Raises:
@@ -49,12 +51,12 @@ def select_by_exchange(
     rng = np.random.default_rng(seed)
     starts = [_completed(covariance, Lambda, sites, n) for sites in (*first, ())]
     starts += [rng.permutation(len(covariance))[:n] for _ in range(_RANDOM_STARTS)]
-    refined = [_refined(covariance, Lambda, start) for start in starts]
-    # Of equals the first: a given choice, then the greedy one.
-    found = [
-        selection_of(covariance, Lambda, np.sort(sites).tolist(), None, noise_variance) for sites in refined
-    ]
+    refined = [np.sort(_refined(covariance, Lambda, start)).tolist() for start in starts]
+    found = [selection_of(covariance, Lambda, sites, None, noise_variance) for sites in refined]
     best = max(each.mutual_information for each in found)
+    if first and found[0].mutual_information >= (1.0 - loyalty) * best:
+        return found[0]
+    # Of equals the first: a given choice, then the greedy one.
     return next(each for each in found if each.mutual_information >= best - _TIE_NATS)
 
 

@@ -31,17 +31,20 @@ _LONGEST_MOVED = 3
 _NO_TOUR = "found no tour: some nodes cannot be reached from the others (infinite distances)"
 
 
-def open_tour(distances: ArrayLike, start: int, *, seed: int = 0) -> tuple[int, ...]:
+def open_tour(
+    distances: ArrayLike, start: int, *, ends: ArrayLike | None = None, seed: int = 0
+) -> tuple[int, ...]:
     """A shortest path that begins at `start`, visits every node once and ends anywhere.
 
     Exact (Held & Karp 1962) up to `EXACT_UP_TO` nodes; beyond, a seeded iterated local search with 2-opt and
-    Or-opt moves. The free end is a dummy last node that every node reaches at no cost: the form that stays
-    sound for asymmetric distances, unlike a matrix with a free way back to the start.
+    Or-opt moves. The free end is a dummy last node that every node reaches, at no cost or at that of `ends`: the
+    form that stays sound for asymmetric distances, unlike a matrix with a free way back to the start.
 
     Args:
         distances: shape (n, n), from row to column, not negative; inf where there is no way. The diagonal is
             ignored.
         start: index of the first node.
+        ends: shape (n,), what it costs to end at each node, such as the way home; None: nothing.
         seed: of the perturbations.
 
     Returns:
@@ -51,7 +54,10 @@ def open_tour(distances: ArrayLike, start: int, *, seed: int = 0) -> tuple[int, 
         ValueError: distances or start are no such thing, or no tour was found over the finite distances.
     """
     D = _checked(distances, start)
-    return _shortest(D, np.zeros(len(D)), start, seed)
+    after = np.zeros(len(D)) if ends is None else np.asarray(ends, dtype=np.float64)
+    if after.shape != (len(D),) or not np.all(after >= 0.0):
+        raise ValueError(f"ends must be {len(D)} numbers, one for each node, not negative; not {after}")
+    return _shortest(D, after, start, seed)
 
 
 def closed_tour(distances: ArrayLike, start: int = 0, *, seed: int = 0) -> tuple[int, ...]:
