@@ -3,6 +3,7 @@
 Dijkstra's algorithm on the raster's 16-neighbour graph gives a way between two cells; string pulling then
 takes out the corners that the graph has put in, where the straight line touches passable cells only. Every
 leg found this way is over navigable water because all cells it touches are, not because sampled points are.
+Cells that are water in part have points in the graph too, whose legs were tested against the polygons.
 At last the way is pulled tight against the polygons themselves, and its legs are checked against them.
 """
 
@@ -11,12 +12,14 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from autonomy.geometry import FloatArray, path_length_m
 from autonomy.planning.errors import Unreachable
 from autonomy.planning.raster import BoolArray, IntArray, Raster
+from autonomy.planning.shore_cells import with_shore_cells
 from autonomy.planning.survey import SurveyArea
 from autonomy.planning.taut import Shoreline
 
@@ -65,23 +68,32 @@ class Passage:
     """The passable cells of a survey and the ways between them; built in less than a second at 200 × 200.
 
     A point in no passable cell (close to a shore, or a vessel outside navigable water) is joined to the
-    nearest passable cell that a clear leg leads to. Two points are connected if their cells are: a channel
-    narrower than two cells may be closed on the raster; `passage_cells` sets its fineness.
+    nearest node that a clear leg leads to. Two points are connected if their nodes are: a channel that winds
+    within a cell may be closed here; `passage_cells` sets the fineness.
     """
 
     def __init__(self, survey: SurveyArea) -> None:
         self._survey = survey
         self._raster = Raster.of(survey)
-        self._graph = self._raster.graph()
-        self._basin = connected_components(self._graph, directed=False)[1]
-        self._centres = self._raster.centres_m
         self._shore = Shoreline(survey.navigable, survey.span_m / survey.passage_cells)
+        self._centres, self._graph = with_shore_cells(self._shore.water, self._raster, self._raster.graph())
+        self._basin = connected_components(self._graph, directed=False)[1]
         self._tree = cKDTree(self._centres) if len(self._centres) else None
 
     @property
     def raster(self) -> Raster:
         """The cells; read only."""
         return self._raster
+
+    @property
+    def nodes_m(self) -> FloatArray:
+        """Centres of the passable cells, then points in those that are water in part, shape (n, 2); read only."""
+        return self._centres
+
+    @property
+    def graph(self) -> csr_array:
+        """Distances in metres between neighbouring nodes, symmetric; read only."""
+        return self._graph
 
     def path(self, a: ArrayLike, b: ArrayLike) -> FloatArray:
         """The way from a to b, both included, shape (k, 2).
@@ -97,8 +109,8 @@ class Passage:
 
     def reachable(self, start_m: ArrayLike, points_m: ArrayLike) -> BoolArray:
         """Which points, shape (n, 2), a vessel at `start_m` can reach; shape (n,)."""
-        start = self._joined(np.asarray(start_m, dtype=float).reshape(1, 2))[0]
-        cells = self._joined(np.asarray(points_m, dtype=float).reshape(-1, 2))
+        start = self.cells_of(np.asarray(start_m, dtype=float).reshape(1, 2))[0]
+        cells = self.cells_of(np.asarray(points_m, dtype=float).reshape(-1, 2))
         if start < 0:
             return np.zeros(len(cells), dtype=bool)
         there: BoolArray = (cells >= 0) & (self._basin[cells] == self._basin[start])
@@ -107,7 +119,7 @@ class Passage:
     def ways(self, points_m: ArrayLike) -> Ways:
         """All ways between points of shape (n, 2)."""
         points = np.asarray(points_m, dtype=float).reshape(-1, 2)
-        cells = self._joined(points)
+        cells = self.cells_of(points)
         first, second = np.triu_indices(len(points), 1)
         connected = (cells[first] >= 0) & (cells[second] >= 0)
         connected &= self._basin[cells[first]] == self._basin[cells[second]]
@@ -133,46 +145,61 @@ class Passage:
         outside = self._raster.numbers_at(points) < 0
         bent = {}
         for i, j, source in zip(first.tolist(), second.tolist(), which.tolist(), strict=True):
-            chain = [int(cells[j])]
-            while chain[-1] != cells[i]:
-                chain.append(int(before[source, chain[-1]]))
-            ends = points[i], points[j], bool(outside[i]), bool(outside[j])
-            bent[i, j] = self._pulled(self._centres[chain[::-1]], *ends)
+            cells_on_way = chain(before[source], int(cells[i]), int(cells[j]))
+            way, clear = self.sights(cells_on_way, points[[i, j]], outside[[i, j]])
+            lengths = np.hypot(*(way[:, None] - way[None]).transpose(2, 0, 1))
+            bent[i, j] = way[shortest(np.where(clear, lengths, np.inf))]
         return self._tight(bent)
 
     def _tight(self, bent: dict[tuple[int, int], FloatArray]) -> dict[tuple[int, int], FloatArray]:
-        """The ways pulled tight, where all their legs are clear then."""
+        """The ways pulled tight and rounded, or tight, or as they are: the first of these whose legs are all clear."""
         tight = {pair: self._shore.tightened(way) for pair, way in bent.items()}
-        starts = np.concatenate([way[:-1] for way in tight.values()])
-        ends = np.concatenate([way[1:] for way in tight.values()])
-        clear = self._survey.legs_are_clear(starts, ends)
-        first = np.cumsum([0, *(len(way) - 1 for way in tight.values())])[:-1]
-        kept = np.logical_and.reduceat(clear, first)
-        return {
-            pair: tight[pair] if keep else way for (pair, way), keep in zip(bent.items(), kept, strict=True)
-        }
+        best = dict(bent)
+        for better in (tight, {pair: self._shore.rounded(way) for pair, way in tight.items()}):
+            clear = self._are_clear(list(better.values()))
+            best |= {
+                pair: way for (pair, way), is_clear in zip(better.items(), clear, strict=True) if is_clear
+            }
+        return best
 
-    def _pulled(
-        self, chain: FloatArray, a: FloatArray, b: FloatArray, a_is_outside: bool, b_is_outside: bool
-    ) -> FloatArray:
-        """The shortest way from a to b along clear legs between points of the chain, a and b included."""
-        way = np.concatenate([a[None], _thinned(chain), b[None]])
+    def _are_clear(self, ways: list[FloatArray]) -> list[bool]:
+        """Whether all legs of each way are clear by the polygons."""
+        legs = self._survey.legs_are_clear(
+            np.concatenate([way[:-1] for way in ways]), np.concatenate([way[1:] for way in ways])
+        )
+        first = np.cumsum([0, *(len(way) - 1 for way in ways)])[:-1]
+        return [bool(clear) for clear in np.logical_and.reduceat(legs, first)]
+
+    def sights(
+        self, cells: list[int], ends: FloatArray, are_outside: BoolArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Some centres of a chain of cells between two ends, and which of all these points see each other.
+
+        Args:
+            cells: numbers of neighbouring cells, from the one of the first end to the one of the second.
+            ends: shape (2, 2).
+            are_outside: shape (2,), which of the ends lie in no passable cell.
+
+        Returns:
+            The points, both ends included, shape (k, 2); and shape (k, k), whether the leg from row to column, later
+            in the chain, is clear. Neighbours always see each other.
+        """
+        a, b = ends
+        way = np.concatenate([a[None], _thinned(self._centres[cells]), b[None]])
         k = len(way)
         i, j = np.triu_indices(k, 1)
         clear = np.zeros((k, k), dtype=bool)
         clear[i, j] = self._raster.lines_are_clear(way[i], way[j])
         # An end in no passable cell has no clear line on the raster; the exact test finds its clear legs.
-        if a_is_outside:
+        if are_outside[0]:
             clear[0, 1:] = self._survey.legs_are_clear(a, way[1:])
-        if b_is_outside:
+        if are_outside[1]:
             clear[:-1, -1] = self._survey.legs_are_clear(way[:-1], b)
         # Neighbours in the chain are clear by the graph, and the ends by their joining.
         clear[np.arange(k - 1), np.arange(1, k)] = True
-        return way[
-            _shortest(np.where(clear, np.hypot(*(way[:, None] - way[None]).transpose(2, 0, 1)), np.inf))
-        ]
+        return way, clear
 
-    def _joined(self, points: FloatArray) -> IntArray:
+    def cells_of(self, points: FloatArray) -> IntArray:
         """Numbers of the cells from which ways to the points start; −1 where none can be joined."""
         cells = self._raster.numbers_at(points)
         for k in np.flatnonzero(cells < 0):
@@ -210,7 +237,15 @@ def _thinned(chain: FloatArray) -> FloatArray:
     return chain[keep]
 
 
-def _shortest(lengths: FloatArray) -> list[int]:
+def chain(before: IntArray, source: int, target: int) -> list[int]:
+    """The nodes from source to target, given the predecessors, shape (n,), that Dijkstra found from the source."""
+    nodes = [target]
+    while nodes[-1] != source:
+        nodes.append(int(before[nodes[-1]]))
+    return nodes[::-1]
+
+
+def shortest(lengths: FloatArray) -> list[int]:
     """Nodes of the shortest path from the first to the last node of a graph with edges i → j, i < j."""
     k = len(lengths)
     cost, before = np.full(k, np.inf), np.zeros(k, dtype=np.intp)

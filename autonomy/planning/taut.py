@@ -23,12 +23,15 @@ _INSET_M = 0.25
 
 
 class Shoreline:
-    """The corners of some water that jut into it, the only places where a tight way bends."""
+    """The corners of some water that jut into it, the only places where a tight way bends.
+
+    `water` is a little less than the water given: ways that are pulled tight must lie in it.
+    """
 
     def __init__(self, water: BaseGeometry, cell_m: float) -> None:
         """Take the corners of `water`; ways were found on cells of `cell_m` metres."""
-        inset = water.buffer(-min(_INSET_M, 0.01 * cell_m), join_style="mitre", mitre_limit=2.0)
-        corners = _jutting(inset)
+        self.water = water.buffer(-min(_INSET_M, 0.01 * cell_m), join_style="mitre", mitre_limit=2.0)
+        corners = _jutting(self.water)
         # By x, so that those between two x are one slice.
         self._corners = corners[np.argsort(corners[:, 0], kind="stable")]
         self._round_m = 0.05 * cell_m
@@ -36,13 +39,13 @@ class Shoreline:
     def tightened(self, way: FloatArray) -> FloatArray:
         """The way pulled tight, its ends and its sides of islands kept; shape (n, 2) to (k, 2).
 
-        Each leg of the result is clear if each of the given was, but for round-off: check them.
+        Each leg of the result lies in `water` if each of the given did. Ends may lie outside, so check them.
         """
         points = list(way)
         for _ in range(_MOST_SWEEPS):
             if not self._sweep(points):
                 break
-        return np.array(self._rounded(points))
+        return np.array(points)
 
     def _sweep(self, points: list[FloatArray]) -> bool:
         """Pull at every bend once; whether something has moved."""
@@ -70,11 +73,13 @@ class Shoreline:
         inside = np.all(turns >= -slack, axis=0) | np.all(turns <= slack, axis=0)
         return np.asarray(near[inside])
 
-    def _rounded(self, points: list[FloatArray]) -> list[FloatArray]:
-        """Fewer corners for little length: short legs between bends go, their neighbours are made to meet.
+    def rounded(self, way: FloatArray) -> FloatArray:
+        """A tight way with fewer corners for little length: short legs go, their neighbours are made to meet.
 
-        The stand-off about a headland is an arc of many short legs, and nobody steers these.
+        The stand-off about a headland is an arc of many short legs, and nobody steers these. The new corners lie
+        further out, where another shore may be: check the legs.
         """
+        points = list(way)
         k = 1
         while k < len(points) - 2:
             before, a, b, after = points[k - 1 : k + 3]
@@ -85,7 +90,7 @@ class Shoreline:
                 points[k : k + 2] = [meet]
             else:
                 k += 1
-        return points
+        return np.array(points)
 
 
 def _jutting(water: BaseGeometry) -> FloatArray:

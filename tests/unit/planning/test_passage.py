@@ -112,10 +112,11 @@ def test_a_vessel_on_land_or_with_land_in_its_way_reaches_nothing():
             passage.path(start, (500, 500))
 
 
-def test_an_area_narrower_than_its_cells_reaches_nothing():
+def test_an_area_narrower_than_its_cells_is_sailed_from_end_to_end():
     area = survey(box(0, 0, 1000, 999), passage_cells=20)
     passage = Passage(area)
-    assert not passage.reachable((10, 999.5), [(900, 999.5)]).any()
+    assert passage.reachable((10, 999.5), [(900, 999.5)]).all()
+    assert passage.path((10, 999.5), (900, 999.5)).tolist() == [[10, 999.5], [900, 999.5]]
 
 
 def test_distances_equal_the_lengths_of_the_ways():
