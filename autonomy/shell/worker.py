@@ -7,6 +7,7 @@ import pickle
 import sys
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ _UNPICKLE_IN_THREAD_BYTES = 200_000
 _PIECE_BYTES = 2**18
 _FIRST_RESTART_PAUSE_S = 0.5
 _LONGEST_RESTART_PAUSE_S = 30.0
+_END_S = 2.0
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
@@ -161,6 +163,7 @@ class Worker:
                     return
                 body = await _read(process.stdout, length)
             except asyncio.IncompleteReadError:
+                await self._end(process)
                 return
             try:
                 answer = (
@@ -172,6 +175,12 @@ class Worker:
                 self._finish(self._on_failed, f"its result can't be unpickled: {last_line(error)}")
                 continue
             self._take(answer)
+
+    async def _end(self, process: asyncio.subprocess.Process) -> None:
+        """The process has closed its side: let it end by itself, for killing it now would hide how it does."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_END_S):
+                await process.wait()
 
     def _take(self, answer: tuple[Any, ...]) -> None:
         match answer:
