@@ -6,13 +6,15 @@ from dataclasses import replace
 from autonomy.planning.errors import PlanningError
 from autonomy.planning.expectation import expected_rmse
 from autonomy.planning.plan import Plan
-from autonomy.planning.planners import paper
+from autonomy.planning.planners import lawnmower, paper, patrol, route, spots
 from autonomy.planning.request import PlanRequest
 from autonomy.planning.survey import SurveyArea
 
 __all__ = ["PLANNERS", "PlanRequest", "PlanningError", "make_plan"]
 
-PLANNERS: dict[str, Callable[[PlanRequest, SurveyArea], Plan]] = {paper.NAME: paper.plan}
+PLANNERS: dict[str, Callable[[PlanRequest, SurveyArea], Plan]] = {
+    planner.NAME: planner.plan for planner in (paper, spots, route, patrol, lawnmower)
+}
 
 
 def make_plan(name: str, request: PlanRequest, survey: SurveyArea) -> Plan:
