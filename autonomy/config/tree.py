@@ -558,7 +558,12 @@ class ExplorationSection(Section):
 class PlanningSection(Section):
     """The planner."""
 
-    planner: Literal["paper"] = Field(default="paper", description="how the next path is found")
+    planner: Literal["paper", "spots", "route", "patrol", "lawnmower"] = Field(
+        default="paper",
+        description="how the next path is found: spots and a tour as in the paper; better spots, those not yet "
+        "visited kept; a whole route for what may be sailed; rounds for ever over a field that moves; lanes back and "
+        "forth",
+    )
     lattice: Annotated[tuple[LatticeSide, LatticeSide], Field(strict=False)] = Field(
         default=(12, 12),
         description="candidate sites across the area, to the east and to the north; those on land drop out",
