@@ -1,12 +1,14 @@
 """The operator in a demo: a ground station that arms the boat and selects AUTO once a mission is on board."""
 
 import asyncio
+import time
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.mavlink.authority import AUTO
 from autonomy.mavlink.codec import Codec
+from autonomy.mavlink.signing import Signing, SigningKey
 from autonomy.mavlink.telemetry import Telemetry, VehicleState
 from autonomy.shell.transport import Transport
 
@@ -15,11 +17,12 @@ _TURN_S = 0.5
 
 
 class Operator:
-    """Connects to the vessel beside the service, starts the survey, and notes the track."""
+    """Connects to the vessel beside the service, starts the survey, and notes the track; signs if given a key."""
 
-    def __init__(self, endpoint: str) -> None:
+    def __init__(self, endpoint: str, key: SigningKey | None = None) -> None:
         self._endpoint = endpoint
-        self._codec = Codec(_GROUND_STATION_ID, mavlink.MAV_COMP_ID_MISSIONPLANNER)
+        signing = None if key is None else Signing(key, time.time)
+        self._codec = Codec(_GROUND_STATION_ID, mavlink.MAV_COMP_ID_MISSIONPLANNER, signing)
         self._telemetry = Telemetry("none")
         self._transport: Transport | None = None
         self.track_deg: list[tuple[float, float]] = []

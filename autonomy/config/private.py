@@ -30,20 +30,27 @@ def read_private(file: Path, environment: Mapping[str, str]) -> bytes:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise PrivateFileError(f"no readable file {str(file)!a}: {reason}") from None
-    with os.fdopen(descriptor, "rb") as stream:
-        about = os.fstat(stream.fileno())
-        if not stat.S_ISREG(about.st_mode):
-            raise PrivateFileError(f"{str(file)!a} is no plain file")
-        mode = stat.S_IMODE(about.st_mode)
-        if mode & 0o077 and not _is_credential(file, environment):
-            raise PrivateFileError(
-                f"others may read {str(file)!a} (mode {mode:04o}): it holds a secret, chmod 600 it, and make a new "
-                "secret if anybody else has been on this machine"
-            )
-        content = stream.read(MAXIMUM_BYTES + 1)
+    try:
+        _check(file, os.fstat(descriptor), environment)
+        with os.fdopen(descriptor, "rb", closefd=False) as stream:
+            content = stream.read(MAXIMUM_BYTES + 1)
+    finally:
+        os.close(descriptor)
     if len(content) > MAXIMUM_BYTES:
         raise PrivateFileError(f"{str(file)!a} is too large for a secret: at most {MAXIMUM_BYTES} bytes")
     return content
+
+
+def _check(file: Path, about: os.stat_result, environment: Mapping[str, str]) -> None:
+    """PrivateFileError unless it is a plain file that nobody but its owner may read."""
+    if not stat.S_ISREG(about.st_mode):
+        raise PrivateFileError(f"{str(file)!a} is no plain file")
+    mode = stat.S_IMODE(about.st_mode)
+    if mode & 0o077 and not _is_credential(file, environment):
+        raise PrivateFileError(
+            f"others may read {str(file)!a} (mode {mode:04o}): it holds a secret, chmod 600 it, and make a new "
+            "secret if anybody else has been on this machine"
+        )
 
 
 def _is_credential(file: Path, environment: Mapping[str, str]) -> bool:

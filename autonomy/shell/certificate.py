@@ -28,7 +28,7 @@ def identity(certificate: Path, private_key: Path) -> Identity:
     except ssl.SSLCertVerificationError as error:
         raise ValueError(f"{str(certificate)!a}: {error.verify_message}") from None
     except ssl.SSLError as error:
-        what = (error.reason or str(error)).replace("_", " ").lower()
+        what = str(getattr(error, "reason", None) or error.args[-1]).replace("_", " ").lower()
         raise ValueError(f"{str(certificate)!a} with {str(private_key)!a}: {what}") from None
     except OSError as error:
         raise ValueError(f"{str(certificate)!a} with {str(private_key)!a}: {error.strerror}") from None

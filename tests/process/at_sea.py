@@ -12,6 +12,7 @@ import yaml
 
 from autonomy.geometry import LocalFrame
 from autonomy.mavlink.codec import Codec
+from autonomy.mavlink.signing import SigningKey
 from sim.operator import Operator
 
 SOUTH, NORTH, WEST, EAST = 33.930, 33.966, -118.830, -118.787
@@ -49,8 +50,8 @@ def configure(folder: Path, endpoint: str, connect: Sequence[str] = (), **sectio
 class Bridge(Operator):
     """An operator who also notes every message."""
 
-    def __init__(self, endpoint: str) -> None:
-        super().__init__(endpoint)
+    def __init__(self, endpoint: str, key: SigningKey | None = None) -> None:
+        super().__init__(endpoint, key)
         self._listener = Codec(254, 1)
         self.heard: list[Any] = []
 
@@ -70,9 +71,9 @@ class Bridge(Operator):
 
 
 @contextlib.contextmanager
-def operating(endpoint: str) -> Iterator[Bridge]:
+def operating(endpoint: str, key: SigningKey | None = None) -> Iterator[Bridge]:
     """An operator at work in a thread of his own."""
-    bridge = Bridge(endpoint)
+    bridge = Bridge(endpoint, key)
     loop = asyncio.new_event_loop()
     task = loop.create_task(bridge.run())
 

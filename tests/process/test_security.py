@@ -1,0 +1,352 @@
+"""Strangers on both ways to a boat: routers with certificates and access control, a signed link on real sockets."""
+
+import contextlib
+import json
+import re
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+sys.path.insert(0, str(Path(__file__).parent))
+from at_sea import VEHICLE, VESSEL, configure, operating
+from processes import Processes, free_port, wait_until
+from shore_helpers import SOON_S, health_notice, observation, plan_notice
+
+from autonomy.effects import Topic
+from autonomy.endpoints import Certificates, session_settings
+from autonomy.mavlink.codec import Codec
+from autonomy.mavlink.signing import Signing, SigningKey
+from autonomy.shell import publisher as publisher_module
+from autonomy.shell.publisher import Publisher
+from autonomy.shore.subscriber import Subscriber
+
+pytestmark = pytest.mark.process
+
+REPOSITORY = Path(__file__).parents[2]
+FENCE = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def run_the_documentation(folder: Path, *replacements: tuple[str, str]) -> None:
+    """Everything that docs/security.md tells people to type, in a folder."""
+    script = "\n".join(FENCE.findall((REPOSITORY / "docs" / "security.md").read_text()))
+    for old, new in replacements:
+        assert old in script
+        script = script.replace(old, new)
+    subprocess.run(["bash", "-euc", script], cwd=folder, check=True, capture_output=True, timeout=60)
+
+
+@pytest.fixture(scope="module")
+def papers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Keys and certificates as the documentation makes them."""
+    folder = tmp_path_factory.mktemp("papers")
+    run_the_documentation(folder, ("boat1 boat2 shore", "boat1 boat2 boat3 shore"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same names from another authority."""
+    folder = tmp_path_factory.mktemp("foreign")
+    run_the_documentation(folder)
+    return folder
+
+
+@contextlib.contextmanager
+def opened(config: zenoh.Config) -> Iterator[zenoh.Session]:
+    with zenoh.open(config) as session:
+        yield session
+
+
+@contextlib.contextmanager
+def guarded_router(papers: Path, address: str) -> Iterator[zenoh.Session]:
+    """The example router, at this address, with these papers."""
+    text = (REPOSITORY / "config" / "router.json5").read_text()
+    for old, new in (("/etc/zenoh/", f"{papers}/"), ("tls/[::]:7447", address)):
+        assert old in text
+        text = text.replace(old, new)
+    file = papers / "router.json5"
+    file.write_text(text)
+    with opened(zenoh.Config.from_file(str(file))) as session:
+        yield session
+
+
+def certificates(papers: Path, name: str | None, trusts: Path | None = None) -> Certificates:
+    own = (None, None) if name is None else (papers / f"{name}.pem", papers / f"{name}.key")
+    return Certificates((trusts or papers) / "ca.pem", *own)
+
+
+def session(mode: Any, address: str, papers: Certificates) -> Any:
+    config = zenoh.Config()
+    settings = session_settings(mode, connect=[address], certificates=papers)
+    for path, value in {**settings, "timestamping/enabled": True}.items():
+        config.insert_json5(path, json.dumps(value))
+    return opened(config)
+
+
+@contextlib.contextmanager
+def publishing(vehicle: str, address: str, papers: Certificates) -> Iterator[Publisher]:
+    boat = Publisher(vehicle, [address], certificates=papers)
+    boat.start()
+    try:
+        yield boat
+    finally:
+        boat.stop(SOON_S)
+
+
+def publish_all(boat: Publisher) -> None:
+    boat.publish(Topic.PLAN, plan_notice())
+    boat.publish(Topic.HEALTH, health_notice())
+    boat.publish(Topic.OBSERVATIONS, (observation(0),))
+
+
+@pytest.mark.parametrize("protocol", ["tls", "quic"])
+def test_with_its_own_certificate_everything_gets_through(papers: Path, protocol: str) -> None:
+    address = f"{protocol}/127.0.0.1:{free_port()}"
+    with (
+        guarded_router(papers, address),
+        Subscriber("*", [address], certificates=certificates(papers, "shore")) as shore,
+        publishing("boat1", address, certificates(papers, "boat1")) as boat,
+    ):
+        publish_all(boat)
+        wait_until(lambda: shore.latest("boat1").plan, what="a plan")
+        wait_until(lambda: shore.track("boat1"), what="an observation")
+        wait_until(lambda: boat.status.asked, what="a question")
+        wait_until(lambda: boat.status.trouble == "", what="health without doubts")
+        assert shore.latest("boat1").alive
+
+
+REFUSED = {
+    "no certificate": ("boat1", None, "not connected: no router answers, or it refuses us"),
+    "a foreign certificate": ("boat1", "foreign", "not connected: no router answers, or it refuses us"),
+    "a name that the router does not know": ("boat3", "boat3", "connected, and nobody listens"),
+    "another boat's key": ("boat1", "boat2", "connected, and nobody has asked for the latest"),
+}
+
+
+@pytest.mark.parametrize(("vehicle", "shows", "says"), REFUSED.values(), ids=REFUSED)
+def test_who_is_refused_delivers_nothing_and_health_shows_it(
+    papers: Path, foreign: Path, monkeypatch: pytest.MonkeyPatch, vehicle: str, shows: str | None, says: str
+) -> None:
+    monkeypatch.setattr(publisher_module, "_UNASKED_S", 1.0)
+    address = f"tls/127.0.0.1:{free_port()}"
+    # The foreign boat trusts our router; it is the router that must not trust the boat.
+    own = certificates(foreign, "boat1", papers) if shows == "foreign" else certificates(papers, shows)
+    heard: list[str] = []
+    with (
+        guarded_router(papers, address) as router,
+        session("client", address, certificates(papers, "shore")) as ashore,
+        Subscriber("*", [address], certificates=certificates(papers, "shore")) as shore,
+        publishing(vehicle, address, own) as boat,
+        publishing("boat2" if vehicle == "boat1" else "boat1", address, Certificates()) as nobody,
+    ):
+        for each in (router, ashore):
+            each.declare_subscriber("**", lambda sample: heard.append(str(sample.key_expr)))
+        publish_all(boat)
+        publish_all(nobody)
+        wait_until(lambda: boat.status.trouble.startswith(says), what=f"{says!r}")
+        publish_all(boat)
+        time.sleep(1.0)
+        assert heard == []
+        assert [reply for reply in ashore.get("usv/**", timeout=1.0) if reply.ok] == []
+        assert [reply for reply in ashore.liveliness().get("usv/**", timeout=1.0) if reply.ok] == []
+        assert shore.vehicles() == []
+        assert boat.status.trouble.startswith(says)
+        # The same router at the same time: it is not that nothing gets through at all.
+        with publishing("boat1", address, certificates(papers, "boat1")) as welcome:
+            publish_all(welcome)
+            wait_until(lambda: shore.latest("boat1").plan, what="the welcome one's plan")
+
+
+def test_boats_do_not_hear_each_other_and_what_an_advanced_publisher_keeps_is_had(papers: Path) -> None:
+    """Its cache and its heartbeats have keys that ** does not stand for."""
+    address = f"tls/127.0.0.1:{free_port()}"
+    late: list[tuple[str, bytes]] = []
+    overheard: list[str] = []
+    with (
+        guarded_router(papers, address),
+        session("peer", address, certificates(papers, "boat1")) as boat,
+        session("client", address, certificates(papers, "boat2")) as other,
+    ):
+        for key in ("**", "usv/boat1/**", "usv/boat1/observations"):
+            other.declare_subscriber(key, lambda sample: overheard.append(str(sample.key_expr)))
+        kept = [
+            zenoh.ext.declare_advanced_publisher(
+                boat, key, cache=zenoh.ext.CacheConfig(10), publisher_detection=True
+            )
+            for key in ("usv/boat1/observations", "usv/boat2/observations")
+        ]
+        wait_until(lambda: list(boat.info.routers_zid()), what="the connection")
+        for number in range(5):
+            for publisher in kept:
+                publisher.put(str(number))
+        with session("client", address, certificates(papers, "shore")) as ashore:
+            zenoh.ext.declare_advanced_subscriber(
+                ashore,
+                "usv/*/observations",
+                lambda sample: late.append((str(sample.key_expr), bytes(sample.payload))),
+                history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=10),
+            )
+            wait_until(lambda: len(late) >= 5, what="what was kept")
+            time.sleep(0.5)
+        assert [reply for reply in other.get("usv/boat1/**", timeout=1.0) if reply.ok] == []
+    assert late == [("usv/boat1/observations", str(number).encode()) for number in range(5)]
+    assert overheard == []
+
+
+class Stranger:
+    """A UDP socket with something to say to a service, which also overhears the boat."""
+
+    def __init__(self, port: int, codec: Codec) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(("127.0.0.1", port))
+        self._codec = codec
+        self.sent = 0
+
+    def __enter__(self) -> "Stranger":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+
+    def lie(self) -> None:
+        """A reading that would spoil the map, and a mode that would end the survey."""
+        reading = mavlink.MAVLink_named_value_float_message(1000, b"SALT", 99.0)
+        hold = mavlink.MAVLink_heartbeat_message(11, 3, 81, 4, 5, 3)
+        for message in (reading, hold):
+            self.say(self._codec.encode(message))
+
+    def say(self, packet: bytes) -> None:
+        with contextlib.suppress(ConnectionRefusedError):
+            self._socket.send(packet)
+            self.sent += 1
+
+
+def everything_in(folder: Path) -> bytes:
+    return b"\n".join(file.read_bytes() for file in sorted(folder.rglob("*")) if file.is_file())
+
+
+def test_a_signed_survey_goes_on_under_attack_and_no_secret_gets_out(papers: Path, tmp_path: Path) -> None:
+    port, operator, shore_at = free_port(), free_port(), f"tls/127.0.0.1:{free_port()}"
+    passphrase = (papers / "boat1.signing").read_bytes().strip()
+    key = SigningKey.from_file_content(passphrase, "passphrase")
+    state = tmp_path / "state"
+    configuration = configure(
+        tmp_path,
+        f"udpin:127.0.0.1:{port}",
+        [shore_at],
+        mavlink={"signing": {"key_file": str(papers / "boat1.signing")}},
+        shore={
+            "tls": {
+                "root_ca": str(papers / "ca.pem"),
+                "certificate": str(papers / "boat1.pem"),
+                "private_key": str(papers / "boat1.key"),
+            }
+        },
+        logging={"level": "debug"},
+    )
+    signed = ("--signing-key", str(papers / "boat1.signing"))
+    where = ("--listen", f"udpout:127.0.0.1:{port}", "--listen", f"tcp:127.0.0.1:{operator}")
+    with (
+        Processes() as processes,
+        guarded_router(papers, shore_at),
+        Subscriber(VEHICLE, [shore_at], certificates=certificates(papers, "shore")) as shore,
+        Stranger(port, Codec(1, 1)) as unsigned,
+        Stranger(port, Codec(1, 1, Signing(SigningKey(bytes(32)), lambda: 4e9))) as wrong,
+    ):
+        service = processes.service(configuration, environment={"XDG_STATE_HOME": str(state)})
+        processes.vessel(*where, *VESSEL, *signed)
+
+        def learnt() -> int:
+            for stranger in (unsigned, wrong):
+                stranger.lie()
+            model = shore.latest(VEHICLE).model
+            return 0 if model is None else model.samples
+
+        with operating(f"tcp:127.0.0.1:{operator}", key) as bridge:
+            service.wait_until(lambda: learnt() >= 10, 60.0, what="10 samples")
+            # What the boat has said to its operator, said again to the service.
+            with Stranger(port, Codec(1, 1)) as replays:
+                for message in list(bridge.heard):
+                    replays.say(bytes(message.get_msgbuf()))
+            learnt_so_far = learnt()
+            service.wait_until(lambda: learnt() >= learnt_so_far + 3, what="3 more")
+
+        def refused() -> list[str]:
+            health = shore.latest(VEHICLE).health
+            return [] if health is None else re.findall(r"\d+ ([a-z ]+)", health.security)
+
+        service.wait_until(
+            lambda: refused() == ["unsigned", "wrongly signed", "replayed"], what="the refusals in health"
+        )
+        assert all(reading.value < 50.0 for reading in shore.track(VEHICLE))
+        assert "HOLD" not in service.said
+        assert service.stop() == 0
+        said = service.said
+    shown = subprocess.run(
+        [sys.executable, "-m", "autonomy", "show-config", str(configuration)], capture_output=True, check=True
+    ).stdout
+    assert b"boat1.signing" in shown
+    private = [line for line in (papers / "boat1.key").read_bytes().splitlines() if b"-" not in line]
+    written = everything_in(state)
+    assert b"signing" in written
+    for secret in (passphrase, key._secret, key._secret.hex().encode(), *private):
+        for text in (said.encode(), shown, written):
+            assert secret not in text
+
+
+def test_a_vessel_without_the_key_is_not_heard_and_health_says_why(papers: Path, tmp_path: Path) -> None:
+    port, shore_at = free_port(), f"tcp/127.0.0.1:{free_port()}"
+    signing = {"signing": {"key_file": str(papers / "boat1.signing")}}
+    configuration = configure(tmp_path, f"udpin:127.0.0.1:{port}", [shore_at], mavlink=signing)
+    with Processes() as processes, Subscriber(VEHICLE, listen=[shore_at]) as shore:
+        service = processes.service(configuration)
+        processes.vessel("--listen", f"udpout:127.0.0.1:{port}", *VESSEL)
+
+        def health() -> Any:
+            return shore.latest(VEHICLE).health
+
+        service.wait_until(
+            lambda: health() and " unsigned" in health().security, what="the refusals in health"
+        )
+        assert health().state == "waiting_for_vehicle"
+        assert health().reason == "nothing heard from the autopilot yet"
+        service.wait_for("MAVLink packets that are not signed as they should be: refused: ")
+
+
+def test_watching_with_certificates(papers: Path) -> None:
+    """`autonomy shore watch` as the router itself: it lets in whoever comes from the authority, and nobody else."""
+    address = f"tls/127.0.0.1:{free_port()}"
+    options = ("--ca", str(papers / "ca.pem"), "--certificate", str(papers / "router.pem"))
+    key = ("--key", str(papers / "router.key"))
+    with Processes() as processes:
+        watch = processes.start("-m", "autonomy", "shore", "watch", "--listen", address, *options, *key)
+        with publishing("boat1", address, Certificates(papers / "ca.pem")) as stranger:
+            publish_all(stranger)
+            with publishing("boat2", address, certificates(papers, "boat2")) as boat:
+                publish_all(boat)
+                watch.wait_for("boat2: connected")
+            assert stranger.status.trouble.startswith("not connected")
+        assert "boat1" not in watch.said
+        assert watch.stop() == 0
+    for wrong, why in (
+        (options, "--certificate and --key belong together"),
+        (
+            ("--ca", str(papers / "ca.pem")),
+            "to listen with tls/ or quic/ needs --ca, --certificate and --key",
+        ),
+    ):
+        ended = subprocess.run(
+            [sys.executable, "-m", "autonomy", "shore", "watch", "--listen", address, *wrong],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert (ended.returncode, why in ended.stderr) == (2, True)
