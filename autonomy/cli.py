@@ -11,6 +11,7 @@ _VERBS = {
     "show-config": Verb(
         "autonomy.commands.show_config", "show the configuration and where each value comes from"
     ),
+    "plan": Verb("autonomy.commands.plan", "make a plan without a boat"),
     "replay": Verb("autonomy.commands.replay", "run a recorded survey again and compare"),
     "shore": Verb("autonomy.shore.cli", "the other end of the link: watch a vehicle"),
 }

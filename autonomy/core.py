@@ -17,6 +17,7 @@ from autonomy.course import Course
 from autonomy.effects import Effect, Level, SendMessage, StartJob
 from autonomy.events import Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived, StopRequested
 from autonomy.exploration import Decision, Exploration, Figures, Trigger
+from autonomy.geometry import FloatArray
 from autonomy.helm import Helm
 from autonomy.homeward import Homeward, Sailing
 from autonomy.learning.capacity import Budget
@@ -145,6 +146,16 @@ class Core:
     def milestones(self) -> int:
         """Grows when something has been decided that the next run has to know to recognise what is on board."""
         return self._helm.dispatch.milestones
+
+    @property
+    def learner(self) -> Learner:
+        """What has been learnt, to be looked at."""
+        return self._learner
+
+    @property
+    def position_m(self) -> FloatArray | None:
+        """Where the vessel was last, shape (2,), local metres."""
+        return self._helm.position_m
 
     def checkpoint(self) -> Memory:
         """All that is known, to be called between two events: cheap, and safe to encode in another thread."""

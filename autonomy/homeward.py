@@ -293,6 +293,10 @@ class Homeward:
             route_m=np.concatenate([kept, way]),
             is_spot=np.concatenate([is_spot, np.zeros(len(way), dtype=bool)]),
             home_corners=len(way),
+            # What the whole plan promised is not what is left of it promises.
+            mutual_information=math.nan,
+            objective_after=None,
+            expected_rmse=None,
         )
 
     def _note(self, text: str, *, is_warning: bool = False) -> None:

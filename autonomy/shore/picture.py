@@ -1,7 +1,6 @@
 """The latest map as a picture: mean, standard deviation, track, plan, basis vectors. Needs matplotlib."""
 
-import os
-import tempfile
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from matplotlib.figure import Figure
 
 from autonomy.geometry import FloatArray, LocalFrame
 from autonomy.learning.description import describe
+from autonomy.shore.saving import replace_file
 from autonomy.shore.subscriber import VehicleView
 from autonomy.shore.words import agreement
 from autonomy.wire import ModelSnapshot, ObservationNotice, PlanNotice
@@ -29,18 +29,14 @@ def write_map(path: Path, view: VehicleView, track: Sequence[ObservationNotice])
     """
     if view.model is None:
         raise ValueError(f"{view.vehicle} has not published a model")
-    canvas = FigureCanvasAgg(draw_map(view.model, view.plan, track))
-    folder = path.absolute().parent
-    descriptor, temporary = tempfile.mkstemp(dir=folder, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            canvas.print_figure(file, format="png")
-        # mkstemp makes files only their owner may read; a picture is for everybody.
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    write_png(path, draw_map(view.model, view.plan, track))
+
+
+def write_png(path: Path, figure: Figure) -> None:
+    """Replace the file at `path` by a picture. Raises OSError."""
+    drawn = io.BytesIO()
+    FigureCanvasAgg(figure).print_figure(drawn, format="png")
+    replace_file(path, drawn.getvalue())
 
 
 def draw_map(model: ModelSnapshot, plan: PlanNotice | None, track: Sequence[ObservationNotice]) -> Figure:

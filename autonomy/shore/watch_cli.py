@@ -22,6 +22,7 @@ from autonomy.endpoints import Certificates, check_endpoint, is_encrypted
 from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.description import describe
 from autonomy.learning.kernel import Component
+from autonomy.shore.saving import model_bytes, replace_file
 from autonomy.shore.subscriber import Presence, Subscriber, Update, VehicleView
 from autonomy.shore.words import agreement, belief
 from autonomy.wire import VEHICLE_NAME, LogNotice, ModelSnapshot
@@ -57,6 +58,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     tls.add_argument("--certificate", type=Path, metavar="FILE", help="our own; who listens needs one")
     tls.add_argument("--key", type=Path, metavar="FILE", help="its private key; only its owner may read it")
     parser.add_argument("--png", type=Path, metavar="FILE", help="keep the latest map in this picture")
+    parser.add_argument(
+        "--save",
+        type=Path,
+        metavar="FILE",
+        help="keep the latest model in this file, for `autonomy plan --model`",
+    )
     parser.add_argument("--json", action="store_true", help="print a JSON object per snapshot, not text")
     parser.add_argument("--count", type=_positive_count, metavar="N", help="end after N snapshots")
     parser.add_argument(
@@ -70,9 +77,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Follow until told to stop: 0; 1 if too few came in time or the address is taken; 2 for bad usage."""
     draw = None
+    for option, path in (("--png", args.png), ("--save", args.save)):
+        if path is not None and not path.absolute().parent.is_dir():
+            return _complain(EXIT_USAGE, f"{option}: there is no directory {path.absolute().parent}")
     if args.png is not None:
-        if not args.png.absolute().parent.is_dir():
-            return _complain(EXIT_USAGE, f"--png: there is no directory {args.png.absolute().parent}")
         draw = _painter()
         if draw is None:
             return _complain(EXIT_USAGE, "--png needs matplotlib: pip install 'halocline[shore]'")
@@ -143,6 +151,13 @@ class _Watch:
             EXIT_NOTHING_CAME, f"{self._snapshots}{wanted} snapshots came in {self._args.timeout:g} s"
         )
 
+    def _save(self, model: ModelSnapshot) -> None:
+        if self._args.save is not None:
+            try:
+                replace_file(self._args.save, model_bytes(model))
+            except OSError as error:
+                _note(f"the model is not saved: {error}")
+
     def _enough(self) -> bool:
         return self._args.count is not None and self._snapshots >= self._args.count
 
@@ -151,6 +166,7 @@ class _Watch:
             case ModelSnapshot():
                 self._snapshots += 1
                 self._undrawn = update.vehicle
+                self._save(update.value)
                 view = self._subscriber.latest(update.vehicle)
                 json_wanted = self._args.json
                 said = json.dumps(_fields(update.value, view)) if json_wanted else _line(update.value, view)

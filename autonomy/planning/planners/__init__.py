@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from autonomy.planning.errors import PlanningError
-from autonomy.planning.expectation import expected_rmse
+from autonomy.planning.expectation import along_route
 from autonomy.planning.plan import Plan
 from autonomy.planning.planners import lawnmower, paper, patrol, route, spots
 from autonomy.planning.request import PlanRequest
@@ -25,5 +25,5 @@ def make_plan(name: str, request: PlanRequest, survey: SurveyArea) -> Plan:
         PlanningError: it finds no plan.
     """
     plan = PLANNERS[name](request, survey)
-    rmse = None if request.model_version is None else expected_rmse(plan, request, survey)
+    rmse = None if request.model_version is None else along_route(plan, request, survey).rmse
     return replace(plan, seed=request.seed, model_version=request.model_version, expected_rmse=rmse)

@@ -10,7 +10,7 @@ from autonomy.geometry import LocalFrame
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.sparse_gp import SparseOnlineGP
-from autonomy.planning.expectation import expected_rmse, readings_along
+from autonomy.planning.expectation import along_route, readings_along
 from autonomy.planning.plan import Plan
 from autonomy.planning.planners import PlanRequest, make_plan
 from autonomy.planning.survey import SurveyArea
@@ -52,13 +52,13 @@ def test_it_is_what_a_dense_process_says(spacing_m):
     cross = squared_exponential(everything, sites)
     variance = THETA.signal_variance - np.sum(cross * np.linalg.solve(gram, cross), axis=0)
     # The readings need not lie at the same places to within a spacing, nor one by one.
-    assert expected_rmse(plan, request, SURVEY) == pytest.approx(np.sqrt(variance.mean()), rel=0.02)
+    assert along_route(plan, request, SURVEY).rmse == pytest.approx(np.sqrt(variance.mean()), rel=0.02)
 
 
 def test_a_longer_route_promises_more():
     model, _ = learnt()
     request = PlanRequest(model, np.array([300.0, 300.0]), 5, (9, 7), "test", sample_spacing_m=50.0)
-    promised = [expected_rmse(plan_along(ROUTE[:k]), request, SURVEY) for k in (1, 2, 3)]
+    promised = [along_route(plan_along(ROUTE[:k]), request, SURVEY).rmse for k in (1, 2, 3)]
     assert promised[0] > promised[1] > promised[2] > 0.0
 
 

@@ -1,0 +1,40 @@
+"""Keeping the newest model in a file, for `autonomy plan` and whoever reads snapshots."""
+
+import os
+import tempfile
+from pathlib import Path
+
+from autonomy.learning import snapshot
+from autonomy.wire import ModelSnapshot
+
+
+def model_bytes(received: ModelSnapshot) -> bytes:
+    """A model file of a snapshot: see `autonomy.learning.snapshot`, with where and of what it is as its metadata."""
+    return snapshot.encode(
+        received.model,
+        {
+            "vehicle": received.vehicle,
+            "variable": received.variable,
+            "units": received.units,
+            "samples": received.samples,
+            "model_time_s": received.model_time_s,
+            "origin_lat_deg": received.origin_lat_deg,
+            "origin_lon_deg": received.origin_lon_deg,
+        },
+    )
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Write a file so that whoever reads it finds the old one or the new one, whole. Raises OSError."""
+    descriptor, temporary = tempfile.mkstemp(
+        dir=path.absolute().parent, prefix=f".{path.name}.", suffix=".part"
+    )
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+        # mkstemp makes files only their owner may read; these are for everybody.
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
