@@ -44,6 +44,9 @@ LOOK_AHEAD_S = 30.0
 CHECK_S = 2.0
 """Model time between two looks at the way home."""
 
+NEAR, NEAR_M = 0.02, 30.0
+"""Share of the way home, or metres, that the vessel may move on before the way is sought anew."""
+
 ENOUGH_ROOM = 0.08
 """Share of the scarcest limit that, spare on the way home, is worth another plan."""
 
@@ -83,6 +86,7 @@ class Homeward:
         self._begun_m: FloatArray | None = None
         self._due_s = 0.0
         self._checked: tuple[float, float] | None = None
+        self._way: FloatArray | None = None
         self._disarmed = False
         self._said: set[str] = set()
         self._notes: list[Note] = []
@@ -151,18 +155,19 @@ class Homeward:
             Unreachable: no water at all can be reached from there.
         """
         passage, home = passage_of(water), self.home_m(here_m)
-        if not passage.reachable(here_m, home)[0]:
+        if not water.is_navigable(np.stack([here_m, home])).any() and is_free_of_land(here_m, home, water):
+            return np.stack([here_m, home])  # both in a harbour, say, outside the survey's area
+        try:
+            return passage.path(here_m, home)
+        except Unreachable:
             centres = passage.raster.centres_m
             centres = centres[passage.reachable(here_m, centres)]
             if not len(centres):
-                raise Unreachable("no water that may be sailed can be reached from the vessel")
-            home = centres[np.argmin(np.hypot(*(centres - home).T))]
-            self._note_once(
-                "no way over water leads home: the survey ends at the nearest place that one leads to"
-            )
-        if not water.is_navigable(np.stack([here_m, home])).any() and is_free_of_land(here_m, home, water):
-            return np.stack([here_m, home])  # both in a harbour, say, outside the survey's area
-        return passage.path(here_m, home)
+                raise
+        self._note_once(
+            "no way over water leads home: the survey ends at the nearest place that one leads to"
+        )
+        return passage.path(here_m, centres[np.argmin(np.hypot(*(centres - home).T))])
 
     def plan(self, here_m: FloatArray, water: SurveyArea, reason: str) -> Plan:
         """The way home from a point as a plan. Raises Unreachable."""
@@ -206,10 +211,11 @@ class Homeward:
             return None
         self._due_s = time_s + CHECK_S
         here_m = sailing.route_m[0]
-        way = self.way(here_m, water)
-        self._judge(way)
+        way = self._judged(here_m, water)
         self.is_returning = sailing.is_homeward or bool(self.reason)
-        self.may_be_sent_home = self.stage is Stage.CRITICAL and len(way) == 2 and self._fixed_m is None
+        self.may_be_sent_home = (
+            self.stage is Stage.CRITICAL and self._fixed_m is None and is_free_of_land(here_m, way[-1], water)
+        )
         if self.reason:
             return None if sailing.is_homeward else self.plan(here_m, water, self.reason)
         self.has_room = sailing.is_homeward and self.budget.room(way) > ENOUGH_ROOM
@@ -243,13 +249,25 @@ class Homeward:
         """There is no way home: said once."""
         self._note_once(f"the way home is not known: {problem}")
 
-    def _judge(self, way: FloatArray) -> None:
-        stage, why = self.budget.stage(way)
-        if stage <= self.stage:
-            return
-        self.stage, self.has_room = stage, False
-        self.reason = f"{stage.name.lower()}: {why}"
-        self._note(f"the boat goes home: {self.reason}", is_warning=True)
+    def _judged(self, here_m: FloatArray, water: SurveyArea) -> FloatArray:
+        """The way home from where the vessel is, having judged how urgent it is.
+
+        While nothing changes, it leads by way of where it was last sought, which is hardly longer as long as that is
+        near: to seek it takes some milliseconds.
+        """
+        if self._way is not None:
+            back_m = float(np.hypot(*(self._way[0] - here_m)))
+            way = np.vstack([here_m, self._way])
+            is_near = back_m <= max(NEAR_M, NEAR * path_length_m(self._way))
+            if is_near and self.budget.stage(way)[0] <= self.stage:
+                return way
+        self._way = self.way(here_m, water)
+        stage, why = self.budget.stage(self._way)
+        if stage > self.stage:
+            self.stage, self.has_room = stage, False
+            self.reason = f"{stage.name.lower()}: {why}"
+            self._note(f"the boat goes home: {self.reason}", is_warning=True)
+        return self._way
 
     def _next_leg(self, sailing: Sailing, water: SurveyArea, speed_mps: float) -> Plan | None:
         """Before a leg is begun: whether the way home from its end could be paid; the plan that is cut if not."""

@@ -166,6 +166,7 @@ class Battery:
     propulsion_w_per_m3s3: float = 15.0
     used_wh: float = 0.0
     power_w: float = 25.0
+    drawn_c: float = 0.0
     noise: float = 0.0
     noise_s: float = 600.0
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
@@ -174,6 +175,7 @@ class Battery:
     def drain(self, speed_mps: float, dt_s: float) -> None:
         """Spend the energy of `dt_s` seconds at a speed through the water."""
         self.power_w = (self.hotel_w + self.propulsion_w_per_m3s3 * abs(speed_mps) ** 3) * self._factor(dt_s)
+        self.drawn_c += self.current_a * dt_s
         self.used_wh = min(self.capacity_wh, self.used_wh + self.power_w * dt_s / 3600.0)
 
     def _factor(self, dt_s: float) -> float:

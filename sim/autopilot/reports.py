@@ -154,7 +154,7 @@ class Reports:
             0x7FFF,
             volts,
             min(round(battery.current_a * 1e2), _INT16_MAX),
-            round(battery.used_wh / battery.voltage_v * 1e3),
+            round(battery.drawn_c / 3.6),
             round(battery.used_wh * 36.0),
             round(battery.remaining * 1e2),
         )
