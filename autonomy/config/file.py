@@ -15,7 +15,10 @@ from autonomy.config.problems import ConfigurationError, Origin, Problem, Source
 
 KeyPath = tuple[str | int, ...]
 
-MAXIMUM_BYTES = 1_000_000
+MAXIMUM_BYTES = 500_000
+MAXIMUM_VALUES = 20_000
+"""Keys, lists and mappings counted as well; PyYAML takes a second for so many."""
+
 MAXIMUM_DEPTH = 16
 
 _TAG = "tag:yaml.org,2002:"
@@ -30,6 +33,7 @@ class _Composer(yaml.BaseLoader):
     """PyYAML's scanner and parser with the resolvers below; limits what a hostile file can cost."""
 
     depth = 0
+    values = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
@@ -39,6 +43,10 @@ class _Composer(yaml.BaseLoader):
             raise _Refused(None, None, what, mark)
         if self.depth >= MAXIMUM_DEPTH:
             what = f"nested more than {MAXIMUM_DEPTH} levels deep"
+            raise _Refused(None, None, what, mark)
+        self.values += 1
+        if self.values > MAXIMUM_VALUES:
+            what = f"more than {MAXIMUM_VALUES} values; large polygons belong into GeoJSON files"
             raise _Refused(None, None, what, mark)
         self.depth += 1
         try:

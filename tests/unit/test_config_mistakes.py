@@ -190,8 +190,9 @@ BROKEN = {
         AREA.encode() + b"vehicle: {name: \xe9}\n", "3:17", "", "byte 0xe9 is not UTF-8", "text in UTF-8"
     ),
     "a huge file": Broken(
-        b"#" * (MAXIMUM_BYTES + 1), "", "", "the file is too large", "at most 1000000 bytes"
+        b"#" * (MAXIMUM_BYTES + 1), "", "", "the file is too large", "at most 500000 bytes"
     ),
+    "a file of values": Broken("a: [" + "1," * 30_000 + "]", "1:39999", "", "more than 20000 values"),
     "too few corners": Broken(
         "survey:\n  area: [[33, -118], [34, -118]]\n",
         "2:3",
