@@ -53,6 +53,7 @@ class RoughnessReadings:
         noise_shares: shape (k,): that share, as a multiple of the variance of one reading's noise.
         freedom: shape (k,): how many independent differences each mean is worth.
         side_m: √(water area), the unit of lengths.
+        lag_m: distance between the places of a difference.
     """
 
     points_m: FloatArray
@@ -60,6 +61,7 @@ class RoughnessReadings:
     noise_shares: FloatArray
     freedom: FloatArray
     side_m: float
+    lag_m: float
 
     def __len__(self) -> int:
         return len(self.squares)
@@ -156,7 +158,9 @@ class Roughness:
         means = sums[:, :4] / counts
         # Differences one stretch apart share readings: about one in `_steps` is new.
         freedom = np.maximum(1.0, counts[:, 0] / self._steps)
-        return RoughnessReadings(means[:, :2].copy(), means[:, 2], means[:, 3], freedom, self.side_m)
+        return RoughnessReadings(
+            means[:, :2].copy(), means[:, 2], means[:, 3], freedom, self.side_m, self.lag_m
+        )
 
     def _difference(self) -> None:
         """Count the second difference that ends with the newest stretch, now that it is complete."""

@@ -89,15 +89,13 @@ class Drafting:
         return self.fitted(Draft(name, head_m, tuple(chain), self._tail()), 1.1)
 
     def sweeps(self) -> list[Draft]:
-        """Lawnmowers that fit the budget: of each heading the one that begins the nearest."""
-        nearest: dict[float, tuple[float, FloatArray]] = {}
-        for sweep in lawnmowers(self._survey, self._start_m, self._budget_m, home_m=self._home_m):
-            away_m = float(np.hypot(*(sweep.route_m[0] - self._start_m)))
-            if sweep.heading_rad not in nearest or away_m < nearest[sweep.heading_rad][0]:
-                nearest[sweep.heading_rad] = away_m, sweep.route_m
+        """Lawnmowers that fit the budget: of each heading the one from the nearest corner."""
+        found = lawnmowers(
+            self._survey, self._start_m, self._budget_m, home_m=self._home_m, nearest_corner=True
+        )
         return [
-            self.along(f"lawnmower along {np.degrees(heading):.0f} degrees", route)
-            for heading, (_, route) in nearest.items()
+            self.along(f"lawnmower along {np.degrees(sweep.heading_rad):.0f} degrees", sweep.route_m)
+            for sweep in found
         ]
 
     def direct(self) -> Draft:

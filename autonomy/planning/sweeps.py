@@ -68,6 +68,7 @@ def lawnmowers(
     *,
     home_m: ArrayLike | None = None,
     headings_rad: Sequence[float] | None = None,
+    nearest_corner: bool = False,
 ) -> list[Sweep]:
     """The densest sweeps that fit a length: one for each heading and each corner to start from.
 
@@ -81,6 +82,7 @@ def lawnmowers(
         length_m: what may be sailed.
         home_m: shape (2,), where it must be able to get within the length; None: the sweep may end anywhere.
         headings_rad: of the lanes, counter-clockwise from east; None: along both sides of the area.
+        nearest_corner: only from the corner nearest to the start, in a fraction of the time.
 
     Returns:
         The sweeps that fit, heading by heading; none if the length is too short for a single lane.
@@ -91,7 +93,8 @@ def lawnmowers(
     water = _Water(survey, np.asarray(start_m, dtype=float).reshape(2), home_m)
     found = []
     for heading in headings(survey) if headings_rad is None else headings_rad:
-        found += _fitted(_Lanes(water, heading), length_m)
+        lanes = _Lanes(water, heading)
+        found += _fitted(lanes, length_m, [lanes.nearest_corner()] if nearest_corner else CORNERS)
     return found
 
 
@@ -209,6 +212,11 @@ class _Lanes:
             cells += cell
         return np.array(legs).reshape(-1, 2, 2), lanes, cells
 
+    def nearest_corner(self) -> tuple[int, int]:
+        """The one of `CORNERS` nearest to the start."""
+        away = [np.hypot(*(self._corner(corner) - self.water.start_m)) for corner in CORNERS]
+        return CORNERS[int(np.argmin(away))]
+
     def _corner(self, corner: tuple[int, int]) -> FloatArray:
         """A corner of the box about the lanes, in local metres."""
         u = (self._low, self._high)[corner[1]][0]
@@ -299,11 +307,11 @@ def _back_and_forth(legs: FloatArray) -> Iterator[FloatArray]:
             yield way
 
 
-def _fitted(lanes: _Lanes, length_m: float) -> list[Sweep]:
+def _fitted(lanes: _Lanes, length_m: float, corners: Sequence[tuple[int, int]]) -> list[Sweep]:
     """The densest sweeps from each corner that fit; what is searched in rough lengths is corrected by the true ones."""
     most = _most_lanes(lanes, length_m)
     found = []
-    for corner in CORNERS:
+    for corner in corners:
         best, rough_m = None, length_m
         for _ in range(_CORRECTIONS):
             track = _densest(lanes, corner, rough_m, most)

@@ -20,12 +20,16 @@ _READINGS_PER_SIDE = 50
 """Readings along the way where the request does not say how dense they are, and never denser."""
 _HORIZON = 6.0
 """Of the side: how far a plan looks if there is no end."""
+_SATURATING_LAG = 0.06
+"""Differences at a longer lag than this, which small budgets bring, say less about the error between tracks."""
 _SATURATED = 4.0
 """More readings in one cell than this say nothing new about the water around it."""
 
 
 def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     """The route within the budget whose readings leave the least roughness-weighted variance over the water.
+
+    No corner is a sampling spot: readings are taken all along.
 
     The search begins with what is left of the previous plan, or with lawnmowers in two directions if there is
     none; the best of what comes of them is taken.
@@ -45,7 +49,7 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     return Plan(
         problem.start_m,
         route,
-        np.ones(len(route), dtype=bool),
+        np.zeros(len(route), dtype=bool),
         0.0,
         NAME,
         request.reason,
@@ -132,7 +136,9 @@ def weights(request: PlanRequest, survey: SurveyArea, lattice: WaterLattice) -> 
         lattice.shore,
         lattice.side_m,
     )
-    logarithm = mean + 0.5 * variance
+    # Where tracks are far apart the field has differed as much as it ever does between them, rough or not.
+    lag = 0.0 if readings is None else readings.lag_m / lattice.side_m
+    logarithm = (mean + 0.5 * variance) * min(1.0, _SATURATING_LAG / max(lag, _SATURATING_LAG))
     weight = np.exp(logarithm - logarithm.max())
     return np.asarray(weight / weight.sum())
 

@@ -123,7 +123,7 @@ def test_the_regression_is_the_exact_posterior_of_its_prior():
     places, shore = rng.random((15, 2)), rng.random(15)
     points, shore_at = rng.random((4, 2)), rng.random(4)
     freedom, squares = np.full(15, 4.0), rng.gamma(2.0, 1.0, 15)
-    readings = RoughnessReadings(places * SIDE_M, squares, np.full(15, 1.5), freedom, SIDE_M)
+    readings = RoughnessReadings(places * SIDE_M, squares, np.full(15, 1.5), freedom, SIDE_M, 400.0)
     mean, variance = local_roughness(readings, 0.0, shore, points * SIDE_M, shore_at, SIDE_M)
     everywhere = np.vstack([places, points])
     distance = np.linalg.norm(everywhere[:, None] - everywhere[None], axis=-1)
