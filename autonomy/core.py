@@ -86,7 +86,7 @@ class Core:
         self._gate = SampleGate(survey, configuration)
         self._learner = _learner(configuration, survey)
         self._repairs_told = 0
-        self._exploration = Exploration(configuration.exploration)
+        self._exploration = Exploration(configuration.exploration, configuration.planning.planner)
         self._reporter = Reporter(configuration, survey, self._helm.telemetry, self._learner)
         self._course = Course(configuration, self._helm, self._seaway, self._reporter)
         self._homeward = Homeward(configuration, survey)
@@ -460,6 +460,7 @@ class Core:
             path_finished=self._helm.path_finished,
             cells=len(learner.history),
             spread=learner.history.variance / learner.gp.kernel.signal_variance if learner.born else 0.0,
+            sailed_share=self._course.sailed_share,
         )
 
     def _start(self, now: float, decision: Decision) -> None:

@@ -40,7 +40,7 @@ _FIRST_PLANNING_S = 1.0
 _FIRST_UPLOAD_S = 0.3
 _LONGEST_UPLOAD_S = 30.0
 
-_FOR_GAIN = frozenset({Trigger.NOVELTY, Trigger.OUTGROWN, Trigger.MAXIMUM_INTERVAL})
+_FOR_GAIN = frozenset({Trigger.NOVELTY, Trigger.OUTGROWN, Trigger.MAXIMUM_INTERVAL, Trigger.SAILED})
 """Reasons to plan anew that leave the present plan as good as it was: only a better one is worth a change of course."""
 
 
@@ -75,6 +75,8 @@ class Course:
         self._upload_s = _FIRST_UPLOAD_S
         self._offered: tuple[float, Plan] | None = None
         self._departure: Departure | None = None
+        self._begun_at_m = 0.0
+        self._longest_m = 0.0
         self._leg_watch_due = 0.0
         self._stretch_due = 0.0
 
@@ -87,12 +89,18 @@ class Course:
         guess_s = max(self._planning_s.values(), default=_FIRST_PLANNING_S)
         delay_s = self._planning_s.get(reestimates, guess_s) + self._upload_s
         self._departure = self._departure_after(self._helm.reach_m(delay_s))
+        self._begun_at_m = self._helm.distance_m
         return self._departure
 
     def took(self, duration_s: float, *, reestimated: bool) -> None:
         """The plan is ready, so many seconds of protocol time after `begin`."""
         usual_s = self._planning_s.get(reestimated, duration_s)
         self._planning_s[reestimated] = usual_s + 0.5 * (duration_s - usual_s)
+
+    @property
+    def sailed_share(self) -> float:
+        """What was sailed since the last plan was begun, as a share of the longest plan so far."""
+        return (self._helm.distance_m - self._begun_at_m) / self._longest_m if self._longest_m else 0.0
 
     def keeps(self, plan: Plan, trigger: Trigger) -> bool:
         """Whether the present plan is as good as the new one but for a small gain; says so."""
@@ -125,6 +133,7 @@ class Course:
     def offer(self, now: float, plan: Plan) -> None:
         """Make this plan the next to bring on board."""
         self._offered = (now, plan)
+        self._longest_m = max(self._longest_m, plan.length_m)
         self._helm.offer(plan)
 
     def watch(self, now: float) -> None:

@@ -10,6 +10,9 @@ from enum import Enum
 from autonomy.config import ExplorationSection
 from autonomy.learning.likelihood import MINIMUM_POINTS
 
+_REPLAN_SHARES = {"route": 1.0 / 7.0}
+"""By planner, where nothing is configured: planning anew is measured to pay for `route`, and to cost the others."""
+
 
 class Trigger(Enum):
     """Why a new plan is wanted; the value is how it is said to a person."""
@@ -22,6 +25,7 @@ class Trigger(Enum):
     MAXIMUM_INTERVAL = "maximum interval passed"
     FENCE = "the autopilot's fence has changed"
     STALLED = "stalled"
+    SAILED = "much sailed since the last plan"
     RESUMED = "the service was away"
     ROOM = "more is left than the way home takes"
 
@@ -39,6 +43,7 @@ class Figures:
         path_finished: the mission on board, ours, has been sailed to its end.
         cells: number of cells of the history.
         spread: variance of all readings as a multiple of the model's signal variance.
+        sailed_share: what was sailed since the last plan was begun, of the longest plan so far.
     """
 
     model_time_s: float
@@ -49,6 +54,7 @@ class Figures:
     path_finished: bool
     cells: int
     spread: float
+    sailed_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -63,8 +69,10 @@ class Decision:
 class Exploration:
     """The stopping rule of one path: rho, the finished path and the maximum interval."""
 
-    def __init__(self, section: ExplorationSection) -> None:
+    def __init__(self, section: ExplorationSection, planner: str = "paper") -> None:
         self._section = section
+        usual_share = _REPLAN_SHARES.get(planner, 1.0)
+        self._replan_share = usual_share if section.replan_share is None else section.replan_share
         self._last_reestimate_s: float | None = None
         self._last_cells = 0
 
@@ -95,6 +103,10 @@ class Exploration:
         if self._is_outgrown(figures):
             reason = f"the readings vary {figures.spread:.0f} times more than the model allows"
             return Decision(Trigger.OUTGROWN, True, reason)
+        if figures.sailed_share > self._replan_share:
+            return Decision(
+                Trigger.SAILED, False, f"{figures.sailed_share:.0%} of a path sailed".replace("%", " %")
+            )
         waited_s = figures.model_time_s - self._since(figures)
         # A smooth field fills the basis slowly, however much has been sailed: its cells tell that there is news.
         grown = grown or figures.cells >= section.minimum_basis

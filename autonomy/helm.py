@@ -29,6 +29,9 @@ HEARTBEAT_S = 1.0
 PATIENT_HEARTBEATS = 10
 """So many, and an estimator that has not said whether it is ready will not."""
 
+NEAR_M = 10.0
+"""A waypoint this near counts as reached: autopilots have acceptance radii of their own."""
+
 DOUBTS = 2
 """So often a mission that isn't sailed is made current again; then the boat counts as stalled."""
 
@@ -336,7 +339,7 @@ class Helm:
             return
         self._pace.follow(time_s, state.groundspeed_mps)
         distance_m = float(np.hypot(*(active.plan.route_m[0] - self.position_m)))
-        reached = self.dispatch.reached == 1 or distance_m <= 2.0 * active.items[0].param2
+        reached = self.dispatch.reached == 1 or distance_m <= max(NEAR_M, 2.0 * active.items[0].param2)
         if self._closing.follow(time_s, distance_m, reached=reached):
             self._doubt(active.plan.route_m[0])
         elif not self._closing.open:

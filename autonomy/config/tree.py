@@ -549,6 +549,11 @@ class ExplorationSection(Section):
         default=1800.0,
         description="model time for which water behind a stall is given up; doubled when the boat stalls there again",
     )
+    replan_share: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] | None = Field(
+        default=None,
+        description="share of the longest path so far after which, sailed, a new one is planned without a re-estimate; "
+        "null: a seventh with the planner route, which learns where the field is rough, and 1, never, with the others",
+    )
     reestimate_on_path_end: bool = Field(
         default=True,
         description="whether the end of a path brings a re-estimate, or only a new path",

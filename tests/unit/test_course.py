@@ -36,7 +36,7 @@ class Helm:
     def __init__(self, plan: Plan, items: int | None = None) -> None:
         self.position_m = np.array([100.0, 100.0])
         self.sailing_ours, self.path_finished, self.pace_mps, self.next_row = True, False, SPEED_MPS, 0
-        self.acceptance_radius_m = 5.0
+        self.acceptance_radius_m, self.distance_m = 5.0, 0.0
         self.offered: list[Plan] = []
         self.dispatch = SimpleNamespace(active=None, busy=False)
         self.comes_on_board(plan, items)
@@ -225,6 +225,17 @@ def test_the_next_stretch_is_sent_in_time_and_again_if_it_got_lost():
     sea.helm.comes_on_board(rest)
     sea.course.watch(12.0 + 3.0 * STRETCH_RETRY_S)
     assert len(sea.helm.offered) == 2
+
+
+def test_what_was_sailed_counts_from_the_last_plan_as_a_share_of_the_longest(sea):
+    assert sea.course.sailed_share == 0.0
+    sea.course.offer(0.0, plan_of([(100.0, 600.0)]))  # 500 m
+    sea.course.offer(1.0, plan_of([(100.0, 200.0)]))
+    sea.helm.distance_m = 200.0
+    assert sea.course.sailed_share == pytest.approx(0.4)
+    sea.course.begin(reestimates=False)
+    sea.helm.distance_m = 300.0
+    assert sea.course.sailed_share == pytest.approx(0.2)
 
 
 def test_the_time_of_uploads_is_measured(sea):

@@ -1,5 +1,7 @@
 """When to plan anew: rho, the finished path, the longest interval; ours and the paper's."""
 
+import dataclasses
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -27,6 +29,25 @@ def some_figures():
         st.booleans(),
         st.floats(0.0, 1e7),
     )
+
+
+@pytest.mark.parametrize(
+    ("planner", "section", "share"),
+    [
+        ("paper", {}, None),
+        ("route", {}, 1 / 7),
+        ("route", {"replan_share": 1.0}, None),
+        ("spots", {"replan_share": 0.5}, 0.5),
+    ],
+)
+def test_a_share_of_the_path_sailed_asks_for_another_plan_where_that_pays(planner, section, share):
+    decider = Exploration(ExplorationSection(maximum_interval_s=None, **section), planner)
+    for sailed_share in (0.0, 0.1, 0.142, 0.15, 0.49, 0.51, 0.99, 1.0):
+        decision = decider.decide(dataclasses.replace(figures(), sailed_share=sailed_share))
+        if share is None or sailed_share <= share:
+            assert decision is None
+        else:
+            assert (decision.trigger, decision.reestimate) == (Trigger.SAILED, False)
 
 
 def exploration(**section):
