@@ -24,7 +24,7 @@ LARGEST_BYTES = 32_000_000
 """Of a document, unpacked."""
 
 _DEEPEST = 50
-_MOST_ELEMENTS = 400_000
+_MOST_ELEMENTS = 200_000
 _MOST_MEMBERS = 10_000
 _ORDER = "KML has the longitude first, then the latitude, then the altitude, without spaces"
 _LINES = frozenset({"LineString", "LinearRing", "Track", "MultiTrack"})
@@ -105,6 +105,7 @@ class _Reader:
         self._path = path
         self._open: list[_Element] = []
         self._elements = 0
+        self._polygon_depth: int | None = None
         self._parser = parser = expat.ParserCreate()
         parser.buffer_text = True
         parser.StartDoctypeDeclHandler = self._doctype
@@ -139,7 +140,7 @@ class _Reader:
             raise self._mistake(
                 f"has more than {_MOST_ELEMENTS} elements; leave out what is not near the survey"
             )
-        within = any(element.name == "Polygon" for element in self._open)
+        within = self._polygon_depth is not None
         if name in _LINES and not within:
             raise self._mistake(f"holds a {name}; a closed Polygon is needed")
         self.has_links |= name == "NetworkLink"
@@ -147,11 +148,14 @@ class _Reader:
         if within:
             self._open[-1].inside.append(element)
         elif name == "Polygon":
+            self._polygon_depth = len(self._open)
             self.polygons.append(element)
         self._open.append(element)
 
     def _end(self, _: str) -> None:
         self._open.pop()
+        if self._polygon_depth == len(self._open):
+            self._polygon_depth = None
 
     def _text(self, text: str) -> None:
         if self._open and self._open[-1].name == "coordinates":
