@@ -1,0 +1,396 @@
+"""A month at sea under every fault that we can make: nothing ends it, and nothing grows.
+
+HALOCLINE_MONTH_S: simulated seconds; without it fifty minutes, in which each fault strikes once. From a day on, memory
+and time for a reading are held against those after the first hours, too.
+"""
+
+import gc
+import math
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autonomy import jobs
+from autonomy.config import Configuration, JournalSection
+from autonomy.core import Core
+from autonomy.effects import Topic
+from autonomy.events import Event, MessageReceived
+from autonomy.mavlink.authority import AUTO, Command
+from autonomy.planning.survey import SurveyArea
+from autonomy.shell import checkpoint
+from autonomy.shell.checkpoint import Checkpoint
+from autonomy.shell.journal import Journal, make_header
+from sim.autopilot import Autopilot, Mode, Options
+from sim.sensor import Sensor
+from sim.vessel import Handling, Position, Vessel
+
+from .conftest import FRAME, HARBOUR_M, MANNERS, SETTINGS, Sea, Voyage
+
+MONTH_S = float(os.environ.get("HALOCLINE_MONTH_S", "3000"))
+DAY_S = 86400.0
+SPEEDUP = 10.0
+HOUR = 3600
+WINDOW = 1000
+"""Readings whose time is taken together."""
+
+GRACE_S = 0.2
+JOURNAL = JournalSection(file_mb=1.0, total_mb=8.0)
+WRAP_S = 2**32 / 1000.0
+OVERRIDES: dict[str, dict[str, Any]] = {
+    "sampling": {"spacing_m": 2.0},
+    "exploration": {
+        **SETTINGS["exploration"],
+        "maximum_interval_s": 3600.0,
+        "stall_s": 60.0,
+        "give_up_s": 300.0,
+    },
+    "shore": {"model_period_s": 60.0, "health_period_s": 5.0},
+}
+
+
+class Timed:
+    """A core whose CPU time is added up."""
+
+    def __init__(self, core: Core) -> None:
+        self.core = core
+        self.spent_s = 0.0
+
+    def handle(self, now: float, event: Event) -> Any:
+        begun = time.process_time()
+        effects = self.core.handle(now, event)
+        self.spent_s += time.process_time() - begun
+        return effects
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.core, name)
+
+
+class Month(Voyage):
+    """A survey that forgets what it has said, or a month of it would fill the memory."""
+
+    rng: np.random.Generator
+    configuration: Configuration
+    readings = 0
+    loss = 0.0
+    broken_jobs = False
+    taken: float | None = None
+
+    def prepare(self, rng: np.random.Generator, configuration: Configuration) -> None:
+        self.rng = rng
+        self.configuration = configuration
+        self.late: list[tuple[float, str]] = []
+        self.windows: list[float] = []
+        self.core = Timed(self.core)  # type: ignore[assignment]
+        self.passes = lambda message: rng.random() >= self.loss
+        work = self.run_job
+        self.run_job = lambda *job: self._broken() if self.broken_jobs else work(*job)
+
+    def _broken(self) -> Any:
+        raise RuntimeError("killed after its deadline")
+
+    def happened(self, event: Event) -> None:
+        if isinstance(event, MessageReceived) and event.message.get_type() == "HEARTBEAT":
+            beat = event.message
+            if beat.get_srcSystem() == self.autopilot.system_id:
+                armed = bool(beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+                ours = beat.custom_mode == AUTO and armed and beat.system_status < mavlink.MAV_STATE_CRITICAL
+                if ours or not self.core._helm.authority.survey_started:
+                    self.taken = None
+                elif self.taken is None:
+                    self.taken = self.now
+        super().happened(event)
+
+    def _carry_out(self, effect: Any) -> None:
+        before = len(self.sent)
+        super()._carry_out(effect)
+        is_before = self.core._helm.authority.command is Command.BEFORE_START
+        for when, message in self.sent[before : before + 1]:
+            kind = message.get_type()
+            if (
+                kind not in MANNERS
+                and self.taken is not None
+                and not is_before
+                and when > self.taken + GRACE_S
+            ):
+                self.late.append((when, kind))
+
+    def _take(self, packets: list[tuple[Any, bytes]]) -> None:
+        super()._take([packet for packet in packets if self.loss == 0.0 or self.rng.random() >= self.loss])
+
+    def sail(self, model_s: float) -> None:
+        """For so many simulated seconds, in steps after which what was said is counted and forgotten."""
+        left = model_s
+        while left > 0.0:
+            self.advance(min(left, 60.0) / self.speedup)
+            left -= 60.0
+            told = sum(
+                len(batch) if isinstance(batch, tuple) else 1 for batch in self.published[Topic.OBSERVATIONS]
+            )
+            if (self.readings + told) // WINDOW > self.readings // WINDOW:
+                self.windows.append(self.core.spent_s)
+            self.readings += told
+            self.published[Topic.OBSERVATIONS].clear()
+            for kept in (*self.published.values(), self.sent, self.log):
+                del kept[:-200]
+            self.autopilot.vessel.battery.used_wh = 0.0  # the sun shines
+
+    def care(self) -> None:
+        """The operator looks after the boat: whatever was the matter, it is brought under way again."""
+        for _ in range(10):
+            self.arm()
+            self.select(Mode.AUTO)
+            self.sail(60.0)
+            if self.core._state.name == "EXPLORING":
+                return
+            if self.core._helm.authority.command is Command.DISPLACED or "mission" in self.core._reason:
+                self.select(Mode.HOLD)
+                self.operate(mavlink.MAVLink_mission_clear_all_message(self.autopilot.system_id, 1))
+                self.sail(150.0)
+        raise AssertionError(f"not under way again: {self.core._state}, {self.core._reason}; {self.log[-5:]}")
+
+    def restart(self) -> None:
+        """The service is killed, and another goes on from its checkpoint."""
+        timed, away_s = self.core, float(self.rng.uniform(1.0, 30.0))
+        memory = timed.checkpoint()
+        new = Core(self.configuration, self.survey)
+        new.restore(memory)
+        self.linked = False
+        self.advance(0.0)
+        new.resume(self.now, away_s)
+        if self.journal is not None:
+            self.journal.resumed(self.now, away_s)
+        timed.core = new  # type: ignore[attr-defined]
+        self.restore_link()
+
+    def reboot(self, *, keep_mission: bool = True) -> None:
+        old = self.autopilot
+        clock_s = float(self.rng.choice([0.0, WRAP_S - 100.0]))
+        new = autopilot(self.rng, tuple(FRAME.to_local(*old.vessel.position).tolist()), boot_clock_s=clock_s)
+        for seq in range(len(old.store) if keep_mission else 0):
+            new.store.write(seq, old.store[seq])
+        self.replace_autopilot(new)
+
+    def checkpoint_bytes(self) -> int:
+        kept = Checkpoint(1, {}, self.core.checkpoint(), self.now, 0.0, "", None)
+        return len(checkpoint.encode(kept))
+
+
+def autopilot(rng: np.random.Generator, at_m: Any = HARBOUR_M, **habits: Any) -> Autopilot:
+    lat_deg, lon_deg = FRAME.to_geodetic(at_m).tolist()
+    vessel = Vessel(
+        Position(lat_deg, lon_deg), handling=Handling(acceleration_mps2=2.0, turn_rate_deg_s=30.0), land=Sea()
+    )
+    sensor = Sensor(Sea(), rng, "SALT", 1.0, noise_std=0.02)
+    return Autopilot(vessel, sensor, Options(speed_mps=3.0, waypoint_radius_m=15.0, **habits))
+
+
+Fault = Callable[[Month], Iterator[None]]
+
+
+def no_position(run: Month) -> Iterator[None]:
+    run.autopilot.navigator._ready_after_s = math.inf
+    yield
+    run.autopilot.navigator._ready_after_s = 0.0
+
+
+def _instrument(run: Month, *faults: Any) -> Iterator[None]:
+    assert run.autopilot.sensor is not None
+    run.autopilot.sensor.faults = faults
+    yield
+    run.autopilot.sensor.faults = ()
+
+
+def probe_stuck(run: Month) -> Iterator[None]:
+    return _instrument(run, lambda time_s, value: 33.7)
+
+
+def probe_without_a_number(run: Month) -> Iterator[None]:
+    return _instrument(run, lambda time_s, value: math.nan)
+
+
+def probe_out_of_range(run: Month) -> Iterator[None]:
+    return _instrument(run, lambda time_s, value: 3.4e38)
+
+
+def probe_spiking(run: Month) -> Iterator[None]:
+    return _instrument(run, lambda time_s, value: value + 5.0 * (run.rng.random() < 0.1))
+
+
+def probe_silent(run: Month) -> Iterator[None]:
+    sensor, run.autopilot.sensor = run.autopilot.sensor, None
+    yield
+    assert sensor is not None
+    sensor.taken = int(run.autopilot.vessel.time_s / sensor.interval_s)
+    run.autopilot.sensor = sensor
+
+
+def rebooted(run: Month) -> Iterator[None]:
+    run.reboot(keep_mission=bool(run.rng.random() < 0.7))
+    yield
+
+
+def taken_by_the_operator(run: Month) -> Iterator[None]:
+    run.select(Mode(run.rng.choice([Mode.HOLD, Mode.MANUAL, Mode.LOITER, Mode.RTL])))
+    yield
+
+
+def disarmed(run: Month) -> Iterator[None]:
+    run.arm(armed=False)
+    yield
+
+
+def failsafe(run: Month) -> Iterator[None]:
+    run.autopilot.reports.failsafe = True
+    run.autopilot.parameters.set("FS_GCS_ENABLE", 1.0)
+    yield
+    run.autopilot.parameters.set("FS_GCS_ENABLE", 0.0)
+    run.autopilot.reports.failsafe = False
+
+
+def stopped_by_a_fence(run: Month) -> Iterator[None]:
+    x, y = FRAME.to_local(*run.autopilot.vessel.position)
+    run.fence((x - 150, y - 150), (x + 150, y - 150), (x + 150, y + 150), (x - 150, y + 150))
+    yield
+    run.autopilot.store.fence = []
+    run.autopilot.parameters.set("FENCE_ENABLE", 0.0)
+
+
+def jobs_fail(run: Month) -> Iterator[None]:
+    run.broken_jobs = True
+    yield
+    run.broken_jobs = False
+
+
+def jobs_hang(run: Month) -> Iterator[None]:
+    usual, run.job_s = run.job_s, 60.0
+    yield
+    run.job_s = usual
+
+
+def mission_overwritten(run: Month) -> Iterator[None]:
+    run.upload_as_operator((300.0, 300.0), (800.0, 500.0), (500.0, 900.0))
+    yield
+
+
+def mission_cleared(run: Month) -> Iterator[None]:
+    run.operate(mavlink.MAVLink_mission_clear_all_message(run.autopilot.system_id, 1))
+    yield
+
+
+def link_cut(run: Month) -> Iterator[None]:
+    run.cut_link()
+    yield
+    run.restore_link()
+
+
+def link_silent(run: Month) -> Iterator[None]:
+    run.linked = False
+    yield
+    run.linked = True
+
+
+def link_storm(run: Month) -> Iterator[None]:
+    run.loss = float(run.rng.uniform(0.1, 0.5))
+    for _ in range(3):
+        run.cut_link("storm")
+        run.sail(float(run.rng.exponential(20.0)))
+        run.restore_link()
+        run.sail(float(run.rng.exponential(40.0)))
+    yield
+    run.loss = 0.0
+
+
+def service_restarted(run: Month) -> Iterator[None]:
+    run.restart()
+    yield
+
+
+FAULTS: tuple[Fault, ...] = (
+    *(no_position, probe_stuck, probe_without_a_number, probe_out_of_range, probe_spiking, probe_silent),
+    *(rebooted, taken_by_the_operator, disarmed, failsafe, stopped_by_a_fence, jobs_fail, jobs_hang),
+    *(mission_overwritten, mission_cleared, link_cut, link_silent, link_storm, service_restarted),
+)
+
+
+def resident_bytes() -> int:
+    gc.collect()
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.fixture
+def month(survey: SurveyArea, tmp_path: Path) -> Iterator[Month]:
+    settings: dict[str, Any] = {**SETTINGS, **OVERRIDES}
+    configuration = Configuration.model_validate({**settings, "seed": 1})
+    journal = Journal.open(
+        tmp_path, JOURNAL, make_header(configuration, survey, now=1000.0, utc_s=1.7e9), utc_s=lambda: 1.7e9
+    )
+    rng = np.random.default_rng(int(os.environ.get("HALOCLINE_SEED", "1")))
+    run = Month(
+        Core(configuration, survey),
+        autopilot(rng),
+        survey,
+        job_s=0.5,
+        run_job=jobs.run,
+        speedup=SPEEDUP,
+        journal=journal,
+    )
+    run.prepare(rng, configuration)
+    yield run
+    journal.close()
+
+
+@pytest.mark.timeout(0 if MONTH_S >= DAY_S else 120)
+def test_nothing_ends_it_and_nothing_grows(month: Month, tmp_path: Path) -> None:
+    month.start_survey()
+    month.sail(120.0)
+    struck: Counter[str] = Counter()
+    started, early, checkpoint_early = month.now, 0, 0
+    while (month.now - started) * SPEEDUP < MONTH_S:
+        for fault in month.rng.permutation(np.array(FAULTS, dtype=object)):
+            lasts_s = month.rng.uniform(10.0, 60.0 if MONTH_S < DAY_S else 600.0)
+            steps = fault(month)
+            next(steps)
+            month.sail(float(lasts_s))
+            next(steps, None)
+            month.care()
+            struck[fault.__name__] += 1
+            assert month.late == []
+            assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 1e6 * JOURNAL.total_mb
+            if MONTH_S >= DAY_S:
+                month.sail(float(month.rng.uniform(60.0, 600.0)))
+        if not early and month.readings > HOUR:
+            early, checkpoint_early = resident_bytes(), month.checkpoint_bytes()
+    health = month.health
+    assert month.readings > 0.5 * MONTH_S
+    assert health.samples > 0.2 * month.readings, "most of them taught, or this would prove little"
+    assert health.replans > len(FAULTS) / 4
+    assert month.journal is not None
+    assert month.journal.status.lost_records == 0
+    assert set(struck) == {fault.__name__ for fault in FAULTS}
+    if MONTH_S >= DAY_S:
+        hold_against(month, early, checkpoint_early, sum(struck.values()))
+
+
+def hold_against(month: Month, early: int, checkpoint_early: int, struck: int) -> None:
+    """The end against the time after the first hours."""
+    costs = np.diff(month.windows)[HOUR // WINDOW :] / WINDOW
+    share = max(10, len(costs) // 100)
+    first, last = median(costs[:share]), median(costs[-share:])
+    grown, kept = resident_bytes() / early - 1.0, month.checkpoint_bytes()
+    print(
+        f"\n{month.readings} readings, {struck} faults; a reading costs {1e6 * first:.0f} us at first, "
+        f"{1e6 * last:.0f} us at last: ratio {last / first:.3f}; "
+        f"memory {early / 1e6:.1f} MB, grown by {100 * grown:.2f} %; "
+        f"a checkpoint {checkpoint_early / 1e3:.0f} kB, then {kept / 1e3:.0f} kB"
+    )
+    assert last / first <= 1.1
+    assert grown < 0.02
+    assert kept < 1.2 * checkpoint_early
