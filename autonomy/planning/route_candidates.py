@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from autonomy.geometry import FloatArray, advance_along, path_length_m
-from autonomy.planning.errors import PlanningError, Unreachable
+from autonomy.planning.errors import PlanningError
 from autonomy.planning.passage import passage_of
 from autonomy.planning.survey import SurveyArea
 from autonomy.planning.sweeps import lawnmowers
@@ -31,8 +31,8 @@ class Draft:
         name: for a person.
         head_m: shape (k, 2), the way from the start to the chain's first cell, both included.
         chain: cells, neighbours joined by legs.
-        tail_m: shape (k, 2), the way from the chain's last cell home, both included; a single place, the cell's,
-            if the route may end anywhere.
+        tail_m: shape (k, 2), the way from the chain's last cell home, both included; empty if the route may end
+            anywhere.
     """
 
     name: str
@@ -73,6 +73,10 @@ class Drafting:
                 "the vessel may be on land, outside the area or in water that is cut off"
             )
         self._tree = cKDTree(lattice.points_m[self._usable])
+        # Reachable on the raster and along legs: the two may differ in the narrowest of channels.
+        anchor = self._way_in(start_m, start_m)[1]
+        self._usable = self._usable[np.isfinite(lattice.distances_m(anchor)[self._usable])]
+        self._tree = cKDTree(lattice.points_m[self._usable])
         self._home = None if home_m is None else self._way_in(home_m, home_m)
 
     def along(self, name: str, corners_m: FloatArray) -> Draft:
@@ -80,12 +84,12 @@ class Drafting:
 
         It may be longer than the budget by a tenth; what is beyond is cut off.
         """
-        way = np.concatenate([self._start_m[None], corners_m])
-        head_m, entry = self._way_in(self._start_m, advance_along(way, _ENTRY * self._lattice.side_m))
+        lattice, way = self._lattice, np.concatenate([self._start_m[None], corners_m])
+        head_m, entry = self._way_in(self._start_m, advance_along(way, _ENTRY * lattice.side_m))
         chain = [entry]
         for cell in self._cells_along(way)[1:]:
             if cell != chain[-1]:
-                self._extend(chain, cell)
+                chain += lattice.path(chain[-1], cell)[1:]
         return self.fitted(Draft(name, head_m, tuple(chain), self._tail()), 1.1)
 
     def sweeps(self) -> list[Draft]:
@@ -122,7 +126,7 @@ class Drafting:
             raise PlanningError(f"a budget of {self._budget_m:.0f} m is too short {where}")
         kept = list(draft.chain[: int(fits[-1]) + 1])
         if self._home is not None and kept[-1] != self._home[1]:
-            self._extend(kept, self._home[1])
+            kept += lattice.path(kept[-1], self._home[1])[1:]
         return Draft(draft.name, draft.head_m, tuple(kept), draft.tail_m)
 
     def _tail(self) -> FloatArray:
@@ -138,13 +142,6 @@ class Drafting:
         cells: list[int] = self._usable[nearest].tolist()
         return cells
 
-    def _extend(self, chain: list[int], cell: int) -> None:
-        """Go on to a cell, if any way leads there."""
-        try:
-            chain += self._lattice.path(chain[-1], cell)[1:]
-        except Unreachable:
-            return
-
     def _way_in(self, start_m: FloatArray, towards_m: FloatArray) -> tuple[FloatArray, int]:
         """The way from a place to a cell near another place: straight if any leads there straight."""
         nearest = np.atleast_1d(self._tree.query(towards_m, k=min(_TRIED, len(self._usable)))[1])
@@ -159,6 +156,7 @@ class Drafting:
         return passage_of(self._survey).path(start_m, goals[0]), int(cells[0])
 
 
-def route_of(lattice: WaterLattice, draft: Draft, chain: Sequence[int]) -> FloatArray:
-    """Corners of head, chain and tail, the start excluded, shape (k, 2)."""
-    return np.concatenate([draft.head_m[1:], lattice.corners(chain)[1:], draft.tail_m[1:]])
+def route_of(lattice: WaterLattice, draft: Draft, chain: Sequence[int], *, with_tail: bool) -> FloatArray:
+    """Corners of head, chain and, if wanted, tail, the start excluded, shape (k, 2)."""
+    tail = draft.tail_m[1:] if with_tail else draft.tail_m[:0]
+    return np.concatenate([draft.head_m[1:], lattice.corners(chain)[1:], tail])

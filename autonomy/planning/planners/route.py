@@ -29,7 +29,8 @@ _SATURATED = 4.0
 def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     """The route within the budget whose readings leave the least roughness-weighted variance over the water.
 
-    No corner is a sampling spot: readings are taken all along.
+    No corner is a sampling spot: readings are taken all along. With a home the route ends there; where home lies
+    outside navigable water, at the last place from which it can be made for within the budget.
 
     The search begins with what is left of the previous plan, or with lawnmowers in two directions if there is
     none; the best of what comes of them is taken.
@@ -45,7 +46,7 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     order = sorted(range(len(drafts)), key=lambda k: found[k].objective)
     best = order[0]
     route = problem.route(drafts[best], found[best])
-    verify(problem.start_m, route, survey)
+    verify(problem.start_m, route, survey, request.home_m)
     return Plan(
         problem.start_m,
         route,
@@ -55,6 +56,7 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
         request.reason,
         objective_before=problem.before,
         objective_after=found[best].objective,
+        home_corners=problem.home_corners(drafts[best]),
         rejected=tuple((drafts[k].name, found[k].objective) for k in order[1:]),
     )
 
@@ -102,10 +104,15 @@ class _Problem:
 
     def route(self, draft: Draft, found: Found) -> FloatArray:
         """Corners of the whole route; without the first cell, if what follows it can be seen from the start."""
-        route = route_of(self.lattice, draft, found.chain)
+        route = route_of(self.lattice, draft, found.chain, with_tail=self.home_corners(draft) > 0)
         if len(draft.head_m) == 2 and len(route) > 1 and self.survey.is_navigable(self.start_m)[0]:
             return route[1:] if self.survey.leg_is_clear(self.start_m, route[1]) else route
         return route
+
+    def home_corners(self, draft: Draft) -> int:
+        """How many of the route's last corners are the way home."""
+        home_m = self.request.home_m
+        return 0 if home_m is None or not self.survey.is_navigable(home_m)[0] else len(draft.tail_m) - 1
 
     def _cut(self, draft: Draft) -> Found:
         """The draft itself, cut to the budget."""

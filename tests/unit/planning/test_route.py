@@ -61,8 +61,19 @@ def test_a_route_with_a_home_ends_there_in_time(bay):
     home_m = np.array([9000.0, 1000.0])
     made = plan(asked(bay, home_m=home_m), bay)
     np.testing.assert_allclose(made.route_m[-1], home_m)
+    assert made.home_corners == 1
     assert made.length_m <= asked(bay).budget_m
     assert clear_of_land(bay, made)
+
+
+def test_harbours_in_the_stand_off_are_left_and_made_for(bay):
+    # The island's north shore and the headland: 30 m off the land, where the vessel is not sent.
+    start_m, home_m = np.array([7000.0, 7430.0]), np.array([3000.0, 2230.0])
+    made = plan(asked(bay, start_m=start_m, home_m=home_m), bay)
+    assert bay.approach_is_clear(start_m, made.route_m[0])
+    assert bay.legs_are_clear(made.route_m[:-1], made.route_m[1:]).all()
+    way_home_m = path_length_m(passage_of(bay).path(made.route_m[-1], home_m))
+    assert made.length_m + way_home_m <= asked(bay).budget_m * (1.0 + 1e-9)
 
 
 def test_a_budget_that_does_not_lead_home_is_refused(bay):
