@@ -9,7 +9,7 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
-.PHONY: help setup demo test accuracy soak-learning soak-authority soak-restarts lint bench clean
+.PHONY: help setup demo test accuracy soak-learning soak-authority soak-restarts systemd-test lint bench clean
 
 help:
 	@echo "make demo            a simulated vessel learns a patch of coast: three processes, about two minutes, one picture"
@@ -18,6 +18,7 @@ help:
 	@echo "make soak-learning   a million readings on one track: an hour"
 	@echo "make soak-authority  a thousand surveys that operator and autopilot meddle with: ten minutes"
 	@echo "make soak-restarts   two hundred times kill -9: half an hour"
+	@echo "make systemd-test    the unit on a systemd booted in a container, with faults: as root, two minutes"
 	@echo "make lint            style, types and import contracts"
 	@echo "make bench           benchmarks, as ratios against references measured in the same run"
 	@echo "make clean           remove the virtual environment and caches"
@@ -51,6 +52,10 @@ soak-authority: $(READY)
 
 soak-restarts: $(READY)
 	HALOCLINE_KILLS=200 $(BIN)/python -m pytest -q -s --timeout=14400 tests/process/test_resumption.py
+
+systemd-test: $(READY)
+	command -v systemd-nspawn || (apt-get update && apt-get install --yes systemd-container)
+	HALOCLINE_BOOT=1 $(BIN)/python -m pytest -q -s tests/process/test_systemd.py
 
 lint: $(READY)
 	$(BIN)/ruff check .
