@@ -57,16 +57,16 @@ class Detours:
         within: BoolArray = self._within[self._fine.nearest(points_m)]
         return within
 
-    def distances(self, starts_m: ArrayLike, ends_m: ArrayLike) -> FloatArray:
+    def distances(self, starts_m: ArrayLike, ends_m: ArrayLike, *, fine: bool = False) -> FloatArray:
         """Rough length in metres of the way from each start to its end, both shape (n, 2); shape (n,).
 
-        Exact where the straight leg is clear; inf where there is no way.
+        Exact where the straight leg is clear; inf where there is no way. `fine`: on the passage's own raster.
         """
         a = np.asarray(starts_m, dtype=float).reshape(-1, 2)
         b = np.asarray(ends_m, dtype=float).reshape(-1, 2)
         lengths: FloatArray = np.hypot(*(b - a).T)
         bent = np.flatnonzero(~self._survey.legs_are_clear(a, b))
-        along = self._coarse.distances(a[bent], b[bent])
+        along = (self._fine if fine else self._coarse).distances(a[bent], b[bent])
         closed = ~np.isfinite(along)
         along[closed] = self._fine.distances(a[bent[closed]], b[bent[closed]])
         lengths[bent] = np.maximum(lengths[bent], along)

@@ -99,7 +99,12 @@ def lawnmowers(
 
 
 def sweeps(
-    survey: SurveyArea, start_m: ArrayLike, spacing_m: float, *, headings_rad: Sequence[float] | None = None
+    survey: SurveyArea,
+    start_m: ArrayLike,
+    spacing_m: float,
+    *,
+    headings_rad: Sequence[float] | None = None,
+    nearest_corner: bool = False,
 ) -> list[Sweep]:
     """Sweeps whose lanes are at most `spacing_m` apart, one for each heading and corner; else as `lawnmowers`."""
     water = _Water(survey, np.asarray(start_m, dtype=float).reshape(2), None)
@@ -107,7 +112,8 @@ def sweeps(
     for heading in headings(survey) if headings_rad is None else headings_rad:
         lanes = _Lanes(water, heading)
         count = max(1, min(_LARGEST_LANES, int(np.ceil(lanes.width_m / spacing_m - 1e-9))))
-        found += [_sailed(lanes, lanes.track(count, 0.0, corner)) for corner in CORNERS]
+        corners = [lanes.nearest_corner()] if nearest_corner else CORNERS
+        found += [_sailed(lanes, lanes.track(count, 0.0, corner)) for corner in corners]
     return found
 
 
@@ -189,7 +195,7 @@ class _Lanes:
         orders = [_lane_by_lane(legs, lane, place)] if len(legs) else []
         if len(set(cell)) > 1:
             orders.append(_swept(legs, cell, place, self.water.detours))
-        rough = [self._length(order) for order in orders]
+        rough = [self.length(order) for order in orders]
         best = int(np.argmin(rough)) if orders else 0
         return _Track(
             orders[best] if orders else legs,
@@ -213,8 +219,8 @@ class _Lanes:
         return np.array(legs).reshape(-1, 2, 2), lanes, cells
 
     def nearest_corner(self) -> tuple[int, int]:
-        """The one of `CORNERS` nearest to the start."""
-        away = [np.hypot(*(self._corner(corner) - self.water.start_m)) for corner in CORNERS]
+        """The corner of the box about the lanes that is nearest to the start."""
+        away = [float(np.hypot(*(self._corner(corner) - self.water.start_m))) for corner in CORNERS]
         return CORNERS[int(np.argmin(away))]
 
     def _corner(self, corner: tuple[int, int]) -> FloatArray:
@@ -224,7 +230,7 @@ class _Lanes:
         place: FloatArray = np.array([u, v]) @ self._turn.T
         return place
 
-    def _length(self, legs: FloatArray) -> float:
+    def length(self, legs: FloatArray, *, fine: bool = False) -> float:
         """Rough length of the whole: the way to the first leg, all legs, the ways between, the way home."""
         water = self.water
         tails = np.concatenate([water.start_m[None], legs[:-1, 1]])
@@ -232,7 +238,7 @@ class _Lanes:
         if water.home_m is not None:
             tails, heads = np.concatenate([tails, legs[-1:, 1]]), np.concatenate([heads, water.home_m[None]])
         along = np.hypot(*(legs[:, 1] - legs[:, 0]).T).sum()
-        return float(along + water.detours.distances(tails, heads).sum())
+        return float(along + water.detours.distances(tails, heads, fine=fine).sum())
 
 
 def _cells(pieces: list[FloatArray]) -> list[list[int]]:
@@ -308,28 +314,33 @@ def _back_and_forth(legs: FloatArray) -> Iterator[FloatArray]:
 
 
 def _fitted(lanes: _Lanes, length_m: float, corners: Sequence[tuple[int, int]]) -> list[Sweep]:
-    """The densest sweeps from each corner that fit; what is searched in rough lengths is corrected by the true ones."""
+    """The densest sweeps from each corner that fit."""
     most = _most_lanes(lanes, length_m)
-    found = []
-    for corner in corners:
-        best, rough_m = None, length_m
-        for _ in range(_CORRECTIONS):
-            track = _densest(lanes, corner, rough_m, most)
-            if track is None:
-                break
-            sweep = _sailed(lanes, track)
-            true_m = sweep.length_m + _way_home_m(lanes.water, sweep)
-            if true_m <= length_m and (best is None or _denser(sweep, best)):
-                best = sweep
-            if _USED * length_m <= true_m <= length_m:
-                break
-            rough_m = track.rough_m * 0.999 * length_m / true_m
-        found += [] if best is None else [best]
-    return found
+    found = [_fitted_from(lanes, length_m, most, corner) for corner in corners]
+    return [sweep for sweep in found if sweep is not None]
 
 
-def _denser(sweep: Sweep, other: Sweep) -> bool:
-    return (sweep.spacing_m, sweep.inset_m) < (other.spacing_m, other.inset_m)
+def _fitted_from(lanes: _Lanes, length_m: float, most: int, corner: tuple[int, int]) -> Sweep | None:
+    """What is searched with coarse lengths is corrected by fine ones, and these by the true one."""
+    best, coarse_m = None, length_m
+    for _ in range(_CORRECTIONS):
+        track = _densest(lanes, corner, coarse_m, most)
+        if track is None:
+            break
+        fine_m = lanes.length(track.legs, fine=True)
+        if fine_m <= length_m and (best is None or _denser(track, best)):
+            best = track
+        if _USED * length_m <= fine_m <= length_m:
+            break
+        coarse_m = track.rough_m * 0.999 * length_m / fine_m
+    if best is None:
+        return None
+    sweep = _sailed(lanes, best)
+    return sweep if sweep.length_m + _way_home_m(lanes.water, sweep) <= length_m else None
+
+
+def _denser(track: _Track, other: _Track) -> bool:
+    return (track.spacing_m, track.inset_m) < (other.spacing_m, other.inset_m)
 
 
 def _densest(lanes: _Lanes, corner: tuple[int, int], rough_m: float, most: int) -> _Track | None:
@@ -376,12 +387,13 @@ def _outwards(lanes: _Lanes, count: int, corner: tuple[int, int], length_m: floa
 def _sailed(lanes: _Lanes, track: _Track) -> Sweep:
     """A track with the true ways between its legs."""
     water = lanes.water
-    corners, marks, here = [], [], water.start_m
-    for a, b in track.legs:
-        way = water.passage.path(here, a)[1:]
+    tails = np.concatenate([water.start_m[None], track.legs[:-1, 1]])
+    clear = water.survey.legs_are_clear(tails, track.legs[:, 0])
+    corners, marks = [], []
+    for here, (a, b), straight in zip(tails, track.legs, clear.tolist(), strict=True):
+        way = a[None] if straight else water.passage.path(here, a)[1:]
         corners += [way, b[None]]
         marks += [np.arange(len(way)) == len(way) - 1, [True]]
-        here = b
     route = np.concatenate(corners)
     return Sweep(
         route,

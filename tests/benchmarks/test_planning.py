@@ -11,13 +11,15 @@ from shapely.geometry import box
 from autonomy.geometry import LocalFrame
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.kernel import Hyperparameters
-from autonomy.planning.information import measurement_covariance, mutual_information
+from autonomy.planning.exchange import select_by_exchange
+from autonomy.planning.information import measurement_covariance, mutual_information, precision
 from autonomy.planning.passage import Passage
 from autonomy.planning.planners.paper import plan
 from autonomy.planning.request import PlanRequest
-from autonomy.planning.selection import select_by_dynamic_programming
+from autonomy.planning.selection import select_by_dynamic_programming, select_greedily
 from autonomy.planning.survey import SurveyArea
-from autonomy.planning.tour import open_tour
+from autonomy.planning.sweeps import lawnmowers
+from autonomy.planning.tour import closed_tour, open_tour
 
 
 def lattice(side, lengthscale=1.5, noise=0.05):
@@ -108,6 +110,43 @@ def test_the_mutual_information_of_a_plan(report, seconds):
     )
 
 
+@pytest.mark.parametrize(("side", "n", "scale"), [(12, 20, 1.5), (30, 40, 3.0), (50, 50, 4.0)])
+def test_sets_refined_by_exchange(side, n, scale, report, seconds):
+    S = lattice(side, scale)
+    repeat = 5 if side < 20 else 1
+    inverse = seconds(lambda: precision(S), repeat)
+    greedy, ours = select_greedily(S, n), select_by_exchange(S, n)
+    report(
+        f"exchange, {side} × {side}, n = {n}",
+        seconds(lambda: select_by_exchange(S, n), repeat),
+        "the inverse that it begins with",
+        inverse,
+        f"I = {ours.mutual_information:.3f}, greedy {greedy.mutual_information:.3f}",
+    )
+    report("", seconds(lambda: select_greedily(S, n), repeat), "the inverse (greedy alone)", inverse)
+    if side > 20:
+        return
+    programme = select_by_dynamic_programming(S, n)
+    spent = seconds(lambda: select_by_dynamic_programming(S, n), repeat)
+    note = f"I = {programme.mutual_information:.3f}"
+    report("", spent, "the inverse (dynamic programme)", inverse, note)
+
+
+@pytest.mark.parametrize("n", [41, 101, 301])
+def test_a_round(n, report, seconds):
+    points = np.random.default_rng(n).random((n, 2))
+    D = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
+    ours, plain = closed_tour(D), nearest_neighbour(D)
+    shorter = 1.0 - length(D, [*ours, ours[0]]) / length(D, [*plain, plain[0]])
+    report(
+        f"closed tour of {n} nodes",
+        seconds(lambda: closed_tour(D), 1),
+        "nearest neighbour",
+        seconds(lambda: nearest_neighbour(D), 3, 5),
+        f"{shorter:.0%} shorter",
+    )
+
+
 @pytest.mark.parametrize("n", [13, 21, 41])
 def test_a_tour(n, report, seconds):
     points = np.random.default_rng(n).random((n, 2))
@@ -158,6 +197,19 @@ def test_ways_between_the_spots_of_a_plan(report, seconds, archipelago):
     report("raster of 200 × 200 and its graph", built, "Dijkstra from 21 points", alone)
     spent = seconds(lambda: passage.ways(points), 3)
     report(f"all ways over water between {len(points)} points", spent, "Dijkstra from 21 points", alone)
+
+
+def test_lawnmowers(report, seconds, archipelago):
+    start = archipelago.candidate_sites(12, 12)[0]
+    built = seconds(lambda: Passage(archipelago), 3)
+    for islands, survey in (("no islands", open_water()), ("25 islands", archipelago)):
+        length_m = 6.0 * survey.area_m2**0.5
+        spent = seconds(lambda: lawnmowers(survey, start, length_m, nearest_corner=True), 1)  # noqa: B023
+        report(f"two lawnmowers of six sides, {islands}", spent, "the raster", built)
+
+
+def open_water():
+    return SurveyArea.from_geometry(LocalFrame(33, -119), box(0, 0, 15_000, 15_000))
 
 
 def test_a_whole_plan(report, seconds, archipelago):

@@ -25,7 +25,7 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     sites, unreachable = reachable_sites(request, survey, passage)
     sweep = _chosen(request, survey)
     route, is_spot = affordable(request, sweep.route_m, sweep.is_lane_end, passage)
-    verify(start, route, survey)
+    verify(start, route, survey, request.home_m)
     information = information_of_spots(request, route[is_spot], sites)
     return Plan(start, route, is_spot, information, NAME, request.reason, unreachable)
 
@@ -34,13 +34,8 @@ def _chosen(request: PlanRequest, survey: SurveyArea) -> Sweep:
     start = start_of(request)
     candidates = []
     if request.budget_m is not None:
-        candidates = lawnmowers(survey, start, request.budget_m, home_m=request.home_m)
+        candidates = lawnmowers(survey, start, request.budget_m, home_m=request.home_m, nearest_corner=True)
     if not candidates:
         spacing = lane_spacing_m(request.model.kernel) if request.budget_m is None else survey.span_m
-        candidates = sweeps(survey, start, spacing)
-    nearest: dict[float, Sweep] = {}
-    for sweep in candidates:
-        known = nearest.setdefault(sweep.heading_rad, sweep)
-        if sweep.approach_m < known.approach_m:
-            nearest[sweep.heading_rad] = sweep
-    return min(nearest.values(), key=lambda sweep: (sweep.spacing_m, sweep.length_m))
+        candidates = sweeps(survey, start, spacing, nearest_corner=True)
+    return min(candidates, key=lambda sweep: (sweep.spacing_m, sweep.length_m))
