@@ -15,11 +15,16 @@ from shapely.geometry.polygon import orient
 
 from autonomy.geometry import FloatArray
 
-_MOST_SWEEPS = 40
+_MOST_PULLS = 5000
 _ROUNDING = 0.02
 """Of the length there, what one corner less may cost at most."""
-_INSET_M = 0.25
+_INSET_M = 0.15
 """Ways keep this far inside the water where there is room: positions are sent in steps of a centimetre."""
+
+_STRAIGHTENED_M = 0.1
+"""Arcs and crinkles of the shore are cut by as much, on the water's side."""
+
+_INTO_LAND_M = 1e-3
 
 
 class Shoreline:
@@ -30,10 +35,14 @@ class Shoreline:
 
     def __init__(self, water: BaseGeometry, cell_m: float) -> None:
         """Take the corners of `water`; ways were found on cells of `cell_m` metres."""
-        self.water = water.buffer(-min(_INSET_M, 0.01 * cell_m), join_style="mitre", mitre_limit=2.0)
-        corners = _jutting(self.water)
+        off_m = min(_STRAIGHTENED_M, 0.005 * cell_m)
+        inset = water.buffer(-off_m - min(_INSET_M, 0.005 * cell_m), join_style="mitre", mitre_limit=2.0)
+        self.water = inset.simplify(off_m)
+        corners, land = _jutting(self.water)
         # By x, so that those between two x are one slice.
-        self._corners = corners[np.argsort(corners[:, 0], kind="stable")]
+        order = np.argsort(corners[:, 0], kind="stable")
+        self._corners = corners[order]
+        self._land = (corners + _INTO_LAND_M * land)[order]
         self._round_m = 0.05 * cell_m
 
     def tightened(self, way: FloatArray) -> FloatArray:
@@ -41,37 +50,37 @@ class Shoreline:
 
         Each leg of the result lies in `water` if each of the given did. Ends may lie outside, so check them.
         """
-        points = list(way)
-        for _ in range(_MOST_SWEEPS):
-            if not self._sweep(points):
-                break
+        points, loose = list(way), [True] * len(way)
+        k, pulls = 1, 0
+        while k < len(points) - 1 and pulls < _MOST_PULLS:
+            if not loose[k]:
+                k += 1
+                continue
+            pulls += 1
+            a, c, b = points[k - 1 : k + 2]
+            loose[k] = False
+            chain = _hull(a, b, self._within(a, c, b), _side(a, b, c))
+            if len(chain) == 1 and (chain[0] == c).all():
+                continue
+            # What has been put in is tight; what it hangs between need not be any more.
+            points[k : k + 1] = chain
+            loose[k : k + 1] = [False] * len(chain)
+            loose[k - 1] = loose[k + len(chain)] = True
+            k = max(1, k - 1)
         return np.array(points)
 
-    def _sweep(self, points: list[FloatArray]) -> bool:
-        """Pull at every bend once; whether something has moved."""
-        moved = False
-        k = 1
-        while k < len(points) - 1:
-            a, c, b = points[k - 1 : k + 2]
-            chain = _hull(a, b, self._within(a, c, b), _side(a, b, c))
-            if len(chain) != 1 or (chain[0] != c).any():
-                points[k : k + 1] = chain
-                moved = True
-            k += max(1, len(chain))
-        return moved
-
     def _within(self, a: FloatArray, c: FloatArray, b: FloatArray) -> FloatArray:
-        """Corners in the closed triangle."""
+        """Corners whose land is in the triangle; one on a leg may only touch it from outside."""
         low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
         first, last = np.searchsorted(self._corners[:, 0], [low[0], np.nextafter(high[0], np.inf)])
-        near = self._corners[first:last]
-        near = near[(near[:, 1] >= low[1]) & (near[:, 1] <= high[1])]
+        y = self._corners[first:last, 1]
+        near = first + np.flatnonzero((y >= low[1]) & (y <= high[1]))
         if not len(near):
-            return np.asarray(near)
-        turns = np.stack([_side(a, c, near), _side(c, b, near), _side(b, a, near)])
-        slack = 1e-9 * float(np.sum((high - low) ** 2))
-        inside = np.all(turns >= -slack, axis=0) | np.all(turns <= slack, axis=0)
-        return np.asarray(near[inside])
+            return np.empty((0, 2))
+        land = self._land[near]
+        turns = np.stack([_side(a, c, land), _side(c, b, land), _side(b, a, land)])
+        inside = np.all(turns >= 0.0, axis=0) | np.all(turns <= 0.0, axis=0)
+        return np.asarray(self._corners[near[inside]])
 
     def rounded(self, way: FloatArray) -> FloatArray:
         """A tight way with fewer corners for little length: short legs go, their neighbours are made to meet.
@@ -93,16 +102,25 @@ class Shoreline:
         return np.array(points)
 
 
-def _jutting(water: BaseGeometry) -> FloatArray:
-    """Corners at which the land is convex, shape (n, 2)."""
-    found = [np.empty((0, 2))]
+def _jutting(water: BaseGeometry) -> tuple[FloatArray, FloatArray]:
+    """Corners at which the land is convex, shape (n, 2), and the directions from them into the land, (n, 2)."""
+    found, directions = [np.empty((0, 2))], [np.empty((0, 2))]
     for part in shapely.get_parts(water):
         turned = orient(part, 1.0)
         for ring in (turned.exterior, *turned.interiors):
             xy = shapely.get_coordinates(ring)[:-1]
+            before, after = np.roll(xy, 1, axis=0), np.roll(xy, -1, axis=0)
             # The water is on the left of every ring, so a turn to the right goes round land.
-            found.append(xy[_side(np.roll(xy, 1, axis=0), xy, np.roll(xy, -1, axis=0)) < 0.0])
-    return np.concatenate(found)
+            juts = _side(before, xy, after) < 0.0
+            into = _unit(before - xy)[juts] + _unit(after - xy)[juts]
+            found.append(xy[juts])
+            directions.append(_unit(into))
+    return np.concatenate(found), np.concatenate(directions)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    length = np.hypot(*vectors.T)[:, None]
+    return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 
 
 def _hull(a: FloatArray, b: FloatArray, points: FloatArray, side: FloatArray) -> list[FloatArray]:
