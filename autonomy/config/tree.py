@@ -735,6 +735,12 @@ class ShoreSection(Section):
         default=2.0, description="shortest time between two snapshots of the model"
     )
     health_period_s: Positive = Field(default=1.0, description="time between two reports of health")
+    backlog: int = Field(
+        default=604_800,
+        ge=1,
+        le=10_000_000,
+        description="observations kept while nobody ashore listens, in 40 bytes each; then the oldest are dropped",
+    )
     tls: TlsSection = TlsSection()
 
     def conflicts(self) -> Iterator[Conflict]:

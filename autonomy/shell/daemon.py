@@ -78,7 +78,10 @@ class Daemon:
         self._codec = Codec(_PROVISIONAL_SYSTEM_ID, configuration.mavlink.component_id, signing)
         shore = configuration.shore
         self._publisher = Publisher(
-            configuration.vehicle.name, shore.connect, certificates=_certificates(shore)
+            configuration.vehicle.name,
+            shore.connect,
+            backlog=shore.backlog,
+            certificates=_certificates(shore),
         )
         self._certificate_doubt = doubt(
             configuration.vehicle.name, shore.tls.certificate, shore.tls.private_key

@@ -13,6 +13,7 @@ import zenoh
 from autonomy import wire
 from autonomy.effects import Topic
 from autonomy.endpoints import Certificates, session_settings
+from autonomy.shell.backlog import Backlog
 from autonomy.zenoh_session import zenoh_config
 
 log = logging.getLogger(__name__)
@@ -29,6 +30,11 @@ _PRIORITY = {
     Topic.HEALTH: zenoh.Priority.DATA_HIGH,
     Topic.LOG: zenoh.Priority.DATA,
 }
+_CONGESTION = {
+    # Whatever finds no room is gone, but for observations: for them this thread waits, up to zenoh's five seconds.
+    topic: zenoh.CongestionControl.BLOCK if topic is Topic.OBSERVATIONS else zenoh.CongestionControl.DROP
+    for topic in Topic
+}
 
 
 @dataclass(frozen=True)
@@ -44,7 +50,8 @@ class PublisherStatus:
             appears.
         unasked_s: for how long we have been listened to without being asked.
         published: messages handed to zenoh.
-        dropped: messages thrown away because a queue was full, by topic's name.
+        dropped: observations and log lines thrown away because a queue was full, by topic's name.
+        waiting: observations that have not arrived, or perhaps not.
         refused: values that couldn't be encoded.
         error: why there is no session, None if there is one.
     """
@@ -56,6 +63,7 @@ class PublisherStatus:
     unasked_s: float = 0.0
     published: int = 0
     dropped: dict[str, int] = field(default_factory=dict)
+    waiting: int = 0
     refused: int = 0
     error: str | None = None
 
@@ -84,12 +92,14 @@ class Publisher:
 
     Models, plans and health have one slot each, where the newest wins, and are kept for whoever joins late
     (answered to queries). Observations and log lines wait in bounded queues until somebody listens; the
-    oldest are dropped and counted.
+    oldest are dropped and counted. Observations are handed over again if the way is lost soon after (see `Backlog`):
+    whoever is ashore gets each at least once, unless the service ends before, and then the journal has it.
 
     Args:
         vehicle: name in the keys.
         connect: zenoh endpoints of the routers ashore. None named: nothing is opened, values are discarded.
-        queue_limit: length of the two queues.
+        backlog: observations kept while nobody listens.
+        queue_limit: log lines kept while nobody listens.
         certificates: for routers dialled by tls/… or quic/….
 
     Raises:
@@ -100,6 +110,7 @@ class Publisher:
         self,
         vehicle: str,
         connect: Sequence[str],
+        backlog: int = 604_800,
         queue_limit: int = 5000,
         certificates: Certificates | None = None,
     ) -> None:
@@ -110,8 +121,9 @@ class Publisher:
         self._connect = list(connect)
         self._changed = threading.Condition()
         self._slots: dict[Topic, Any] = {}
-        self._queues: dict[Topic, deque[Any]] = {topic: deque(maxlen=queue_limit) for topic in QUEUED}
-        self._dropped = {topic.value: 0 for topic in QUEUED}
+        self._backlog = Backlog(backlog)
+        self._lines: deque[wire.LogNotice] = deque(maxlen=queue_limit)
+        self._lines_dropped = 0
         self._stopping = False
         self._last: dict[Topic, bytes] = {}
         self._asked = 0
@@ -123,7 +135,11 @@ class Publisher:
     def status(self) -> PublisherStatus:
         """As of a moment ago."""
         with self._changed:
-            return replace(self._status, dropped=dict(self._dropped))
+            dropped = {
+                Topic.OBSERVATIONS.value: self._backlog.dropped,
+                Topic.LOG.value: self._lines_dropped,
+            }
+            return replace(self._status, dropped=dropped, waiting=len(self._backlog))
 
     def start(self) -> None:
         """Start the thread, which opens the session."""
@@ -137,13 +153,16 @@ class Publisher:
         if not self._connect:
             return
         with self._changed:
-            if topic in self._queues:
-                waiting = self._queues[topic]
-                for one in value if isinstance(value, tuple) else (value,):
-                    self._dropped[topic.value] += len(waiting) == waiting.maxlen
-                    waiting.append(one)
-            else:
-                self._slots[topic] = value
+            match value:
+                case tuple():
+                    self._backlog.add(value)
+                case wire.ObservationNotice():
+                    self._backlog.add((value,))
+                case wire.LogNotice():
+                    self._lines_dropped += len(self._lines) == self._lines.maxlen
+                    self._lines.append(value)
+                case _:
+                    self._slots[topic] = value
             self._changed.notify()
 
     def stop(self, timeout_s: float = 2.0) -> bool:
@@ -174,11 +193,13 @@ class Publisher:
 
     def _serve(self, session: zenoh.Session) -> None:
         """Declare what we publish and answer, then publish until asked to stop."""
+        with self._changed:
+            self._backlog.lost()
         publishers = {
             topic: session.declare_publisher(
                 wire.key(self._vehicle, topic),
                 encoding=zenoh.Encoding.APPLICATION_CBOR.with_schema(wire.schema(topic)),
-                congestion_control=zenoh.CongestionControl.DROP,
+                congestion_control=_CONGESTION[topic],
                 priority=_PRIORITY[topic],
             )
             for topic in Topic
@@ -207,25 +228,33 @@ class Publisher:
                 return
 
     def _has_work(self, listened: list[Topic]) -> bool:
-        return bool(self._slots) or any(self._queues[topic] for topic in listened)
+        return bool(
+            self._slots
+            or (self._lines and Topic.LOG in listened)
+            or (Topic.OBSERVATIONS in listened and self._backlog.is_ready(time.monotonic()))
+        )
 
     def _take(self, listened: list[Topic]) -> list[tuple[Topic, Any]]:
         batch: list[tuple[Topic, Any]] = list(self._slots.items())
         self._slots = {}
-        for topic in listened:
-            waiting = list(self._queues[topic])
-            self._queues[topic].clear()
-            if topic is Topic.LOG:
-                batch += [(topic, line) for line in waiting]
-            else:
-                size = wire.MAXIMUM_OBSERVATIONS
-                batch += [(topic, tuple(waiting[i : i + size])) for i in range(0, len(waiting), size)]
+        if Topic.LOG in listened:
+            batch += [(Topic.LOG, line) for line in self._lines]
+            self._lines.clear()
+        if Topic.OBSERVATIONS in listened:
+            batch += [(Topic.OBSERVATIONS, each) for each in self._backlog.take(time.monotonic())]
+        else:
+            self._backlog.lost()
         return batch
 
     def _put(self, publisher: zenoh.Publisher, topic: Topic, value: wire.Payload) -> None:
         try:
             payload = wire.encode(value)
         except wire.WireError as error:
+            if isinstance(value, tuple) and len(value) > 1:
+                # The one that can't be written must not take the others with it.
+                for half in (value[: len(value) // 2], value[len(value) // 2 :]):
+                    self._put(publisher, topic, half)
+                return
             log.warning("not published: %s", error)
             self._set_status(refused=self._status.refused + 1)
             return

@@ -56,6 +56,10 @@ class VehicleView:
     health: wire.HealthNotice | None = None
 
 
+_REMEMBERED = 4 * wire.MAXIMUM_OBSERVATIONS
+"""Observations of a vehicle by which doubles are told: twice what it has on its way at a time."""
+
+
 @dataclass(frozen=True)
 class Counters:
     """Messages decoded, refused as not what their key promises, and dropped because we were too slow."""
@@ -119,6 +123,7 @@ class Subscriber:
         self._changed = threading.Condition()
         self._views: dict[str, VehicleView] = {}
         self._tracks: dict[str, deque[wire.ObservationNotice]] = {}
+        self._recent: dict[str, dict[tuple[float, float, float], None]] = {}
         self._counters = Counters()
         self._outdated: set[str] = set()
         self._updates = 0
@@ -297,9 +302,27 @@ class Subscriber:
                 case wire.HealthNotice():
                     view = replace(view, health=value)
                 case tuple():
+                    value = self._fresh(vehicle, value)
+                    if not value:
+                        return
                     self._tracks.setdefault(vehicle, deque(maxlen=self._track_limit)).extend(value)
             self._views[vehicle] = view
         self._tell(Update(vehicle, value))
+
+    def _fresh(
+        self, vehicle: str, heard: tuple[wire.ObservationNotice, ...]
+    ) -> tuple[wire.ObservationNotice, ...]:
+        """Those not heard before: after a broken link the vehicle sends again what may not have arrived."""
+        known = self._recent.setdefault(vehicle, {})
+        fresh = []
+        for one in heard:
+            reading = (one.model_time_s, one.lat_deg, one.lon_deg)
+            if reading not in known:
+                known[reading] = None
+                fresh.append(one)
+        for oldest in list(known)[: max(0, len(known) - _REMEMBERED)]:
+            del known[oldest]
+        return tuple(fresh)
 
     def _tell(self, update: Update) -> None:
         if self._on_update is not None:

@@ -126,9 +126,9 @@ def router(endpoint: str) -> Iterator[zenoh.Session]:
 
 
 @contextlib.contextmanager
-def publisher(endpoint: str, vehicle: str = "boat1", queue_limit: int = 5000) -> Iterator[Publisher]:
+def publisher(endpoint: str, vehicle: str = "boat1", backlog: int = 5000) -> Iterator[Publisher]:
     """A started publisher that dials an address."""
-    boat = Publisher(vehicle, [endpoint], queue_limit=queue_limit)
+    boat = Publisher(vehicle, [endpoint], backlog=backlog)
     boat.start()
     try:
         yield boat
