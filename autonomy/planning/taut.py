@@ -21,8 +21,8 @@ _ROUNDING = 0.02
 _INSET_M = 0.15
 """Ways keep this far inside the water where there is room: positions are sent in steps of a centimetre."""
 
-_STRAIGHTENED_M = 0.1
-"""Arcs and crinkles of the shore are cut by as much, on the water's side."""
+_STRAIGHTENED_M = 1.0
+"""Arcs and crinkles of the shore are cut by as much, on the water's side: every corner costs time."""
 
 _INTO_LAND_M = 1e-3
 
@@ -35,7 +35,7 @@ class Shoreline:
 
     def __init__(self, water: BaseGeometry, cell_m: float) -> None:
         """Take the corners of `water`; ways were found on cells of `cell_m` metres."""
-        off_m = min(_STRAIGHTENED_M, 0.005 * cell_m)
+        off_m = min(_STRAIGHTENED_M, 0.01 * cell_m)
         inset = water.buffer(-off_m - min(_INSET_M, 0.005 * cell_m), join_style="mitre", mitre_limit=2.0)
         self.water = inset.simplify(off_m)
         corners, land = _jutting(self.water)

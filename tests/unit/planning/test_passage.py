@@ -112,11 +112,11 @@ def test_a_vessel_on_land_or_with_land_in_its_way_reaches_nothing():
             passage.path(start, (500, 500))
 
 
-def test_an_area_narrower_than_its_cells_is_sailed_from_end_to_end():
-    area = survey(box(0, 0, 1000, 999), passage_cells=20)
-    passage = Passage(area)
-    assert passage.reachable((10, 999.5), [(900, 999.5)]).all()
-    assert passage.path((10, 999.5), (900, 999.5)).tolist() == [[10, 999.5], [900, 999.5]]
+def test_a_fiftieth_of_a_cell_is_no_way_but_a_fifth_is():
+    for width_m, there in ((1, False), (10, True)):
+        area = survey(box(0, 0, 1000, 1000 - width_m), passage_cells=20)
+        ends = [(10, 1000 - width_m / 2), (900, 1000 - width_m / 2)]
+        assert Passage(area).reachable(ends[0], ends[1:]).tolist() == [there]
 
 
 def test_distances_equal_the_lengths_of_the_ways():
