@@ -123,9 +123,9 @@ class Sea:
 
     @cached_property
     def judge(self) -> Matern32Map:
-        """The map that judges all tracks: fitted to noisy values at 500 places, drawn at random."""
+        """The map that judges all tracks: fitted to noisy values at 400 places, drawn at random."""
         rng = np.random.default_rng(0)
-        chosen = rng.choice(len(self.truth), min(500, len(self.truth)), replace=False)
+        chosen = rng.choice(len(self.truth), min(400, len(self.truth)), replace=False)
         values = self.truth[chosen] + self.noise * rng.normal(size=len(chosen))
         return Matern32Map.most_likely(self.points_m[chosen], values, self.side_m)
 

@@ -52,7 +52,7 @@ def legs_between(survey: SurveyArea, points: FloatArray, navigable: BoolArray, s
     pairs = tree.query_pairs(LONGEST * side_m, output_type="ndarray")
     pairs = pairs[navigable[pairs].all(axis=1)]
     pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    pairs = pairs[survey.legs_are_clear(points[pairs[:, 0]], points[pairs[:, 1]])]
+    pairs = pairs[_clear(survey, points[pairs[:, 0]], points[pairs[:, 1]])]
     bridges = _bridges(survey, points, navigable, pairs)
     ends = np.concatenate([pairs, np.array([pair for pair, _ in bridges], dtype=np.intp).reshape(-1, 2)])
     ways = [points[pair] for pair in pairs] + [way for _, way in bridges]
@@ -62,6 +62,14 @@ def legs_between(survey: SurveyArea, points: FloatArray, navigable: BoolArray, s
     straight = np.hypot(*(points[pairs[:, 1]] - points[pairs[:, 0]]).T)
     bends = {len(pairs) + k: way[1:-1] for k, (_, way) in enumerate(bridges)}
     return Legs(ends, np.concatenate([straight, lengths]), table, share, bends)
+
+
+def _clear(survey: SurveyArea, starts: FloatArray, ends: FloatArray) -> BoolArray:
+    """`SurveyArea.legs_are_clear`, asked only of legs that the raster cannot vouch for: its cells are all water."""
+    clear = passage_of(survey).raster.lines_are_clear(starts, ends)
+    unsure = np.flatnonzero(~clear)
+    clear[unsure] = survey.legs_are_clear(starts[unsure], ends[unsure])
+    return clear
 
 
 def parts_of(

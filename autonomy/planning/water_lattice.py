@@ -146,13 +146,25 @@ def water_lattice_of(survey: SurveyArea) -> WaterLattice:
 
 
 def shore_distance(survey: SurveyArea, points_m: FloatArray) -> FloatArray:
-    """Distance of points (n, 2) from land and keep-out as a share of √(water area), 1 at most; shape (n,)."""
-    side_m = float(np.sqrt(survey.area_m2))
-    if survey.obstacles.is_empty:
+    """Distance of points (n, 2) from the shore and keep-out as a share of √(water area), 1 at most; shape (n,)."""
+    edges = _edges_of(survey)
+    if edges is None or not len(points_m):
         return np.ones(len(points_m))
-    shapely.prepare(survey.obstacles)
-    distance: FloatArray = shapely.distance(shapely.points(points_m), survey.obstacles)
-    return np.minimum(distance / side_m, 1.0)
+    nearest, distance = edges.query_nearest(shapely.points(points_m), all_matches=False, return_distance=True)
+    away_m = np.empty(len(points_m))
+    away_m[nearest[0]] = distance
+    return np.asarray(np.minimum(away_m / float(np.sqrt(survey.area_m2)), 1.0))
+
+
+@lru_cache(maxsize=4)
+def _edges_of(survey: SurveyArea) -> shapely.STRtree | None:
+    """The straight pieces of the shore; None if there is none. A coast may have tens of thousands."""
+    rings = shapely.get_rings(shapely.get_parts(survey.obstacles))
+    if not len(rings):
+        return None
+    corners, ring = shapely.get_coordinates(rings, return_index=True)
+    first = np.flatnonzero(ring[:-1] == ring[1:])
+    return shapely.STRtree(shapely.linestrings(np.stack([corners[first], corners[first + 1]], axis=1)))
 
 
 def _centres(survey: SurveyArea, step_m: float) -> FloatArray:

@@ -15,7 +15,8 @@ from autonomy.planning.weighted_variance import NOISE, WeightedVariance, conditi
 
 NAME = "route"
 
-_ROUNDS = 40
+_ROUNDS_PER_SIDE, _FEWEST_ROUNDS, _MOST_ROUNDS = 12.0, 40, 120
+"""Of the search, for each side of budget: long routes have more corners to put right."""
 _READINGS_PER_SIDE = 50
 """Readings along the way where the request does not say how dense they are, and never denser."""
 _HORIZON = 6.0
@@ -41,7 +42,7 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     """
     problem = _Problem(request, survey)
     drafts = problem.drafts()
-    rounds = _ROUNDS if request.iterations is None else request.iterations
+    rounds = problem.rounds()
     found = [problem.searched(draft, -(-rounds // len(drafts)), k) for k, draft in enumerate(drafts)]
     order = sorted(range(len(drafts)), key=lambda k: found[k].objective)
     best = order[0]
@@ -77,6 +78,13 @@ class _Problem:
         self._weights = weights(request, survey, self.lattice)
         self._K = planning_covariance(self.lattice.points_m / side_m)
         self._measured = _measured(request, self.lattice)
+
+    def rounds(self) -> int:
+        """How long to search, all drafts together."""
+        if self.request.iterations is not None:
+            return self.request.iterations
+        wanted = round(_ROUNDS_PER_SIDE * self.budget_m / self.lattice.side_m)
+        return min(max(wanted, _FEWEST_ROUNDS), _MOST_ROUNDS)
 
     def drafts(self) -> list[Draft]:
         """Where searches begin; at least one."""
