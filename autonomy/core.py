@@ -39,8 +39,14 @@ from autonomy.seaway import Seaway
 JOB_RETRY_S = 5.0
 """Pause after a job without a plan, doubled with every further one up to 32 times as long."""
 
+FAILURES_AT_SEA = 3
+"""So many jobs without a plan for a boat at the end of its path, and what a budget has left is for the way home."""
+
+STALE_POSITION_S = 10.0
+"""A vehicle that has not told its position for this long is nowhere: nothing is planned from where it was."""
+
 SILENT_SENSOR_S = 30.0
-"""A survey without readings for this long is told to be one."""
+"""A survey without readings for this long is told to be one, and sails its plan to the end, and no other."""
 
 STALE_PLAN_S = 60.0
 """A plan that waited this long for a service that was away is made anew from where the vessel is."""
@@ -100,6 +106,7 @@ class Core:
         self._state = State.WAITING_FOR_VEHICLE
         self._reason = "nothing heard from the autopilot yet"
         self._in_touch = False
+        self._in_touch_since = math.inf
         self._may_upload = False
         self._stopping = False
         self._now = 0.0
@@ -243,12 +250,10 @@ class Core:
             self._reporter.reestimated(result.reestimate)
         if result.problem is not None:
             self._postpone(now, f"no plan: {result.problem}")
-            if self._helm.path_finished:
-                self._homeward.give_up()
         if result.plan is None:
             return
         self._look(now)
-        if not self._seaway.is_open(result.plan.route_m):
+        if not self._seaway.is_open(result.plan.route_m, ends_home=result.plan.home_corners > 0):
             self._reporter.log(
                 Level.INFO, "the new plan is dropped: part of its water has been closed meanwhile"
             )
@@ -292,6 +297,8 @@ class Core:
         pause_s = JOB_RETRY_S * 2 ** min(self._failed_in_a_row, 5)
         self._failed_in_a_row += 1
         self._plan_not_before = now + pause_s
+        if self._failed_in_a_row >= FAILURES_AT_SEA and self._helm.path_finished:
+            self._homeward.give_up()
         self._reporter.log(Level.WARNING, f"{problem}; trying again in {pause_s:.0f} s")
 
     def _stop(self, now: float) -> None:
@@ -395,7 +402,9 @@ class Core:
 
     def _look(self, now: float) -> None:
         """What we are doing, and why; said once when it changes."""
-        self._in_touch = self._helm.is_heard(now)
+        was_in_touch, self._in_touch = self._in_touch, self._helm.is_heard(now)
+        if self._in_touch and not was_in_touch:
+            self._in_touch_since = now
         state, reason = self._situation(now)
         if (state, reason) != (self._state, self._reason):
             self._reporter.log(Level.INFO, f"{state.value}: {reason}")
@@ -417,6 +426,8 @@ class Core:
         reason = authority.reason if permission.allowed else permission.reason
         if permission.allowed:
             hindrance = self._helm.unread or self._seaway.problem
+            if self._is_lost(now):
+                hindrance = "it does not tell its position"
             reason += "" if hindrance is None else f", but {hindrance}"
         if authority.command is not Command.OURS:
             return _STATES[authority.command], reason
@@ -424,9 +435,18 @@ class Core:
             return State.FINISHED, self._homeward.reason
         if self._homeward.is_returning:
             return State.RETURNING, self._homeward.reason or "the way home is what is left of the budget"
-        if now - max(self._heard_reading, self._exploring_since) > SILENT_SENSOR_S:
+        if self._is_deaf(now) and not self._is_lost(now):
             reason += f", but no reading named {self._configuration.sensor.message_name} comes in"
         return State.EXPLORING, reason
+
+    def _is_lost(self, now: float) -> bool:
+        """Whether nobody knows where the vessel is."""
+        heard = max(self._helm.telemetry.position_heard, self._in_touch_since)
+        return self._in_touch and now - heard > STALE_POSITION_S
+
+    def _is_deaf(self, now: float) -> bool:
+        """Whether the survey has been without readings for long."""
+        return now - max(self._heard_reading, self._exploring_since) > SILENT_SENSOR_S
 
     def _decide(self, now: float) -> Decision | None:
         """What to plan for now, if it is time to and the plan could be sailed."""
@@ -435,7 +455,7 @@ class Core:
             return None
         if not helm.is_sure or helm.dispatch.busy:
             return None
-        if helm.unread is not None or self._seaway.problem is not None:
+        if helm.unread is not None or self._seaway.problem is not None or self._is_lost(now):
             return None
         if self._homeward.reason and helm.authority.survey_started:
             return None
@@ -447,6 +467,9 @@ class Core:
             return Decision(Trigger.ROOM, False, Trigger.ROOM.value)
         if self._homeward.is_returning:
             return None
+        if self._is_deaf(now):
+            # There is nothing new to plan with; fences and stalls are another matter.
+            return self._owed
         return self._exploration.decide(self._figures()) or self._owed
 
     def _figures(self) -> Figures:

@@ -112,8 +112,8 @@ class Course:
         gain = (before - after) / abs(before) if before else float(before > after)
         if gain >= self._minimum_gain or not self._seaway.is_open(departure.remainder_m):
             return False
-        text = f"the course is kept ({plan.reason}): a new plan would gain {max(0.0, gain):.1%}"
-        self._reporter.log(Level.INFO, text.replace("%", " %"))
+        gained = f"{100.0 * max(0.0, gain):.1f} %"
+        self._reporter.log(Level.INFO, f"the course is kept ({plan.reason}): a new plan would gain {gained}")
         return True
 
     def joined(self, plan: Plan) -> Plan:
@@ -126,7 +126,7 @@ class Course:
         if here_m is not None and len(kept_m):
             route_m = np.vstack([kept_m, plan.start_m, plan.route_m])
             marks = np.concatenate([is_spot, [False], plan.is_spot])
-            if self._seaway.is_open(route_m):
+            if self._seaway.is_open(route_m, ends_home=plan.home_corners > 0):
                 plan = replace(plan, start_m=here_m, route_m=route_m, is_spot=marks)
         return self._seaway.joined(plan, here_m)
 

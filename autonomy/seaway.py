@@ -73,9 +73,14 @@ class Seaway:
         is_spot = np.concatenate([np.zeros(len(way), dtype=bool), plan.is_spot])
         return replace(plan, start_m=here_m, route_m=np.vstack([way, plan.route_m]), is_spot=is_spot)
 
-    def is_open(self, route_m: FloatArray) -> bool:
-        """Whether a route, shape (n, 2), keeps to the water that is left."""
+    def is_open(self, route_m: FloatArray, *, ends_home: bool = False) -> bool:
+        """Whether a route, shape (n, 2), keeps to the water that is left; only home may lie outside the survey."""
         water = self.water
+        if ends_home and len(route_m):
+            last_leg = route_m[-2:]
+            route_m = route_m[:-1]
+            if len(last_leg) == 2 and not self.may_sail(last_leg[0], last_leg[1], home=True):
+                return False
         if len(route_m) < 2:
             return bool(water.is_navigable(route_m).all())
         return bool(water.legs_are_clear(route_m[:-1], route_m[1:]).all())

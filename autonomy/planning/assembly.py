@@ -11,7 +11,7 @@ from autonomy.planning.errors import PlanningError
 from autonomy.planning.information import measurement_covariance, mutual_information
 from autonomy.planning.passage import Passage, Ways
 from autonomy.planning.request import PlanRequest
-from autonomy.planning.survey import SurveyArea
+from autonomy.planning.survey import ROUND_OFF_M, SurveyArea
 
 _CUTS = 12
 """Bisections for where to cut a route."""
@@ -134,11 +134,13 @@ def along(places_m: ArrayLike, passage: Passage) -> tuple[FloatArray, NDArray[np
     return np.concatenate(corners), np.concatenate(marks)
 
 
-def verify(start_m: ArrayLike, route_m: ArrayLike, survey: SurveyArea) -> None:
+def verify(
+    start_m: ArrayLike, route_m: ArrayLike, survey: SurveyArea, home_m: ArrayLike | None = None
+) -> None:
     """Check every leg of a route, corners (k, 2) without the start, against the polygons themselves.
 
-    The raster on which routes are found has no part in this. A start outside navigable water is allowed: its first
-    leg must be free of land and keep-out.
+    The raster on which routes are found has no part in this. A start outside navigable water is allowed, and so is
+    an end at `home_m`, (2,): the leg from there, or to it, must be free of land and keep-out.
 
     Raises:
         PlanningError: a leg is not clear.
@@ -148,6 +150,8 @@ def verify(start_m: ArrayLike, route_m: ArrayLike, survey: SurveyArea) -> None:
     clear = survey.legs_are_clear(corners[:-1], corners[1:])
     if len(clear) and not survey.is_navigable(start)[0]:
         clear[0] = survey.approach_is_clear(corners[0], corners[1])
+    if len(clear) and home_m is not None and np.allclose(corners[-1], home_m, rtol=0.0, atol=ROUND_OFF_M):
+        clear[-1] = clear[-1] or survey.approach_is_clear(corners[-1], corners[-2])
     for k in np.flatnonzero(~clear):
         a, b = survey.frame.to_geodetic(corners[k : k + 2])
         raise PlanningError(

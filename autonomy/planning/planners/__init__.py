@@ -3,12 +3,14 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from autonomy.planning.errors import PlanningError
 from autonomy.planning.expectation import along_route
 from autonomy.planning.plan import Plan
 from autonomy.planning.planners import lawnmower, paper, patrol, route, spots
 from autonomy.planning.request import PlanRequest
-from autonomy.planning.survey import SurveyArea
+from autonomy.planning.survey import ROUND_OFF_M, SurveyArea
 
 __all__ = ["PLANNERS", "PlanRequest", "PlanningError", "make_plan"]
 
@@ -26,4 +28,16 @@ def make_plan(name: str, request: PlanRequest, survey: SurveyArea) -> Plan:
     """
     plan = PLANNERS[name](request, survey)
     rmse = None if request.model_version is None else along_route(plan, request, survey).rmse
-    return replace(plan, seed=request.seed, model_version=request.model_version, expected_rmse=rmse)
+    return replace(
+        plan,
+        seed=request.seed,
+        model_version=request.model_version,
+        expected_rmse=rmse,
+        home_corners=max(plan.home_corners, int(_ends_home(plan, request))),
+    )
+
+
+def _ends_home(plan: Plan, request: PlanRequest) -> bool:
+    if request.home_m is None or not len(plan.route_m):
+        return False
+    return bool(np.allclose(plan.route_m[-1], request.home_m, rtol=0.0, atol=ROUND_OFF_M))

@@ -39,7 +39,7 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     route, is_spot = assemble(ways, order)
     # A budget too small for any spot is spent on the way to the one that costs least.
     sailed, is_spot = affordable(request, route, is_spot, passage)
-    verify(start, sailed, survey)
+    verify(start, sailed, survey, request.home_m)
     visited = [chosen[k - 1] for k in order[1:]] if sailed is route else []
     information = mutual_information(S, visited)
     return Plan(start, sailed, is_spot, information, NAME, request.reason, unreachable)
