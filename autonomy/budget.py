@@ -185,9 +185,9 @@ class Budget:
         bounded = np.isfinite(usable) & (rate > 0.0)
         return max(0.0, float((usable[bounded] / rate[bounded]).min())) if bounded.any() else math.inf
 
-    def room(self, way_home_m: ArrayLike) -> float:
-        """What the way home with its margin leaves of the scarcest limit, as a share of it; 1 without limits."""
-        spare = self.usable() - self._section.home_margin * self.cost(way_home_m)
+    def room(self, way_home_m: ArrayLike, margin: float) -> float:
+        """What the way home, paid so many times, leaves of the scarcest limit, as a share of it; 1 without limits."""
+        spare = self.usable() - margin * self.cost(way_home_m)
         limited = np.isfinite(self._limits)
         return float((spare[limited] / self._limits[limited]).min()) if limited.any() else 1.0
 

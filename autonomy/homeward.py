@@ -9,7 +9,7 @@ spent:
     low              (m + 1) / 2 times the way home from here is not within u: home at once, and no more plans
     critical         the way home from here is not within u: it eats the reserve
 
-A vessel on its way home that has much more left than it needs (its guess was wrong) may get another plan.
+A vessel that turns home with much more left than it needs (its guess was wrong) gets another plan.
 """
 
 import math
@@ -44,7 +44,7 @@ LOOK_AHEAD_S = 30.0
 CHECK_S = 2.0
 """Model time between two looks at the way home."""
 
-NEAR, NEAR_M = 0.02, 30.0
+NEAR, NEAR_M = 0.1, 30.0
 """Share of the way home, or metres, that the vessel may move on before the way is sought anew."""
 
 ENOUGH_ROOM = 0.08
@@ -87,6 +87,8 @@ class Homeward:
         self._due_s = 0.0
         self._checked: tuple[float, float] | None = None
         self._way: FloatArray | None = None
+        self._turned_m = 0.0
+        self._ended: Plan | None = None
         self._disarmed = False
         self._said: set[str] = set()
         self._notes: list[Note] = []
@@ -202,8 +204,10 @@ class Homeward:
         """
         if not self.is_limited or self.is_finished or not self.budget.has_begun:
             return None
+        if sailing.plan is self._ended:
+            return None  # of the survey before this one
         if sailing.is_finished and sailing.plan.home_corners:
-            self.is_finished, self.has_room = True, False
+            self.is_finished, self.has_room, self._ended = True, False, sailing.plan
             self.reason = self.reason or "the budget is sailed"
             self._note(f"home: {self.budget.said() or 'the battery'} left beside the reserve")
             return None
@@ -212,13 +216,15 @@ class Homeward:
         self._due_s = time_s + CHECK_S
         here_m = sailing.route_m[0]
         way = self._judged(here_m, water)
-        self.is_returning = sailing.is_homeward or bool(self.reason)
+        was_returning, self.is_returning = self.is_returning, sailing.is_homeward or bool(self.reason)
         self.may_be_sent_home = (
             self.stage is Stage.CRITICAL and self._fixed_m is None and is_free_of_land(here_m, way[-1], water)
         )
         if self.reason:
             return None if sailing.is_homeward else self.plan(here_m, water, self.reason)
-        self.has_room = sailing.is_homeward and self.budget.room(way) > ENOUGH_ROOM
+        if sailing.is_homeward and not was_returning:
+            self._turned_m = path_length_m(way)
+        self.has_room = sailing.is_homeward and self._room(way) > ENOUGH_ROOM
         return self._next_leg(sailing, water, speed_mps)
 
     def bounds(
@@ -268,6 +274,14 @@ class Homeward:
             self.reason = f"{stage.name.lower()}: {why}"
             self._note(f"the boat goes home: {self.reason}", is_warning=True)
         return self._way
+
+    def _room(self, way: FloatArray) -> float:
+        """Share of the scarcest limit that a vessel on its way home has to spare.
+
+        The margin of the part that it has sailed since it turned home is none: it was there to be left over.
+        """
+        margin = self._section.home_margin + CUT_MARGIN - 1.0
+        return self.budget.room(way, 1.0 + margin * self._turned_m / max(path_length_m(way), 1.0))
 
     def _next_leg(self, sailing: Sailing, water: SurveyArea, speed_mps: float) -> Plan | None:
         """Before a leg is begun: whether the way home from its end could be paid; the plan that is cut if not."""

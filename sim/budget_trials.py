@@ -23,7 +23,7 @@ from autonomy.planning.planners import PlanningError, PlanRequest, lawnmower, pa
 from autonomy.planning.survey import SurveyArea
 from sim.vessel import Battery, UnsteadyCurrent
 
-STEP = 0.012
+STEP = 0.03
 """Of the side of a square as large as the water: what is sailed between two looks at the budget."""
 
 PLANNING_S = 3.0

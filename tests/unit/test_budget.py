@@ -25,7 +25,7 @@ def test_without_limits_everything_is_affordable() -> None:
     assert not endless.is_limited
     assert endless.metres() == math.inf
     assert endless.affords(np.full(3, 1e12))
-    assert endless.room([(0, 0), (1e6, 0)]) == 1.0
+    assert endless.room([(0, 0), (1e6, 0)], 1.2) == 1.0
     assert endless.stage([(0, 0), (1e6, 0)]) == (Stage.FINE, "")
 
 
@@ -135,8 +135,8 @@ def test_stages_by_the_charge() -> None:
 
 
 def test_room_is_what_the_way_home_leaves() -> None:
-    some = budget(distance_m=1000.0, reserve=0.1, home_margin=1.5)
-    assert some.room([(0, 0), (400, 0)]) == pytest.approx((900.0 - 600.0) / 1000.0)
+    some = budget(distance_m=1000.0, reserve=0.1)
+    assert some.room([(0, 0), (400, 0)], 1.5) == pytest.approx((900.0 - 600.0) / 1000.0)
     assert some.limits[DISTANCE] == 1000.0
 
 

@@ -65,3 +65,12 @@ def test_a_silent_vehicle_is_asked_six_times_for_each() -> None:
         sent += requests.on_deadline(deadline)
     assert [message.confirmation for message in sent] == [0, 1, 2, 3, 4, 5] * 2
     assert set(requests.answers.values()) == {Answer.SILENT}
+
+
+def test_a_budget_lives_on_two_streams_more() -> None:
+    plain, with_battery = wanted_streams(4.0), wanted_streams(4.0, battery=True)
+    assert with_battery[: len(plain)] == plain
+    assert [each.message_id for each in with_battery[len(plain) :]] == [
+        147,
+        242,
+    ]  # BATTERY_STATUS, HOME_POSITION

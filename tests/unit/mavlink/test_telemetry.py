@@ -270,3 +270,38 @@ def test_over_a_doubling_reordering_link_each_reading_counts_at_most_once_and_wh
     for observation in observations:
         assert observation.model_time_s == pytest.approx(100 + observation.value * 0.5)
         assert observation.lat_deg == pytest.approx(33 + observation.model_time_s / 1000, abs=1e-6)
+
+
+def battery(*, consumed_hj: int = -1, drawn_mah: int = -1, remaining: int = -1, number: int = 0) -> object:
+    """BATTERY_STATUS; -1 is unknown."""
+    volts = [12_600, *[0xFFFF] * 9]
+    return mavlink.MAVLink_battery_status_message(
+        number, 0, 0, 0, volts, -1, drawn_mah, consumed_hj, remaining
+    )
+
+
+def test_energy_and_charge_come_in_joules_and_coulombs_and_minus_one_is_unknown() -> None:
+    telemetry, boat = ready()
+    telemetry.handle(0.0, boat.say(battery()))
+    state = telemetry.state
+    assert state is not None
+    assert (state.battery_consumed_j, state.battery_drawn_c, state.battery_remaining) == (None, None, None)
+    telemetry.handle(0.0, boat.say(battery(consumed_hj=36, drawn_mah=1000, remaining=55)))
+    telemetry.handle(0.0, boat.say(battery(consumed_hj=99, number=1)))  # another battery
+    telemetry.handle(0.0, boat.say(battery(remaining=54)))
+    state = telemetry.state
+    assert state is not None
+    assert state.battery_consumed_j == 3600.0  # a watt-hour
+    assert state.battery_drawn_c == 3600.0  # an ampere-hour
+    assert state.battery_remaining == 0.54
+
+
+def test_home_is_where_the_autopilot_says_unless_it_has_none() -> None:
+    telemetry, boat = ready()
+    rest = (0, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
+    for lat, lon in ((0, 0), (910_000_000, 0)):
+        telemetry.handle(0.0, boat.say(mavlink.MAVLink_home_position_message(lat, lon, *rest)))
+    assert telemetry.state is not None
+    assert telemetry.state.home_deg is None
+    telemetry.handle(0.0, boat.say(mavlink.MAVLink_home_position_message(335_000_000, -1_185_000_000, *rest)))
+    assert telemetry.state.home_deg == pytest.approx((33.5, -118.5))

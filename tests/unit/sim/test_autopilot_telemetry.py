@@ -229,6 +229,9 @@ def test_the_battery_drains(bench, gcs):
     assert last.current_consumed > first.current_consumed
     assert last.battery_remaining < 100
     assert last.voltages[0] < first.voltages[0]
+    battery = bench.autopilot.vessel.battery
+    assert last.energy_consumed == pytest.approx(battery.used_wh * 36.0, rel=0.01)  # hectojoules
+    assert last.current_consumed == pytest.approx(battery.drawn_c / 3.6, rel=0.01)  # mAh
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import Geod
 
-from sim.vessel import Battery, Handling, Leg, Position, UniformCurrent, Vessel, angle_between_deg
+from sim.vessel import (
+    Battery,
+    Handling,
+    Leg,
+    Position,
+    UniformCurrent,
+    UnsteadyCurrent,
+    Vessel,
+    angle_between_deg,
+)
 
 GEOD = Geod(ellps="WGS84")
 START = Position(33.7, -118.4)
@@ -188,3 +197,35 @@ def test_a_battery_spends_energy_and_ends_empty():
     assert battery.remaining == pytest.approx(0.5)
     battery.drain(0.0, 5000.0)
     assert battery.remaining == 0.0
+
+
+def test_a_battery_counts_charge_and_energy():
+    battery = Battery(capacity_wh=1000.0, hotel_w=100.0, propulsion_w_per_m3s3=0.0)
+    for _ in range(36):
+        battery.drain(0.0, 100.0)
+    assert battery.used_wh == pytest.approx(100.0)
+    mean_v = 0.5 * (16.8 + 16.8 - 0.36)  # a tenth of what the voltage falls by when it is emptied
+    assert battery.drawn_c == pytest.approx(3600.0 * 100.0 / mean_v, rel=1e-3)
+
+
+def test_waves_make_the_power_swing_about_its_mean():
+    battery = Battery(capacity_wh=1e6, hotel_w=100.0, noise=0.2, rng=np.random.default_rng(3))
+    powers = []
+    for _ in range(20_000):
+        battery.drain(0.0, 30.0)
+        powers.append(battery.power_w)
+    assert np.mean(powers) == pytest.approx(100.0, rel=0.03)
+    assert np.std(powers) == pytest.approx(20.0, rel=0.1)
+    assert np.corrcoef(powers[:-20], powers[20:])[0, 1] == pytest.approx(math.exp(-1.0), abs=0.1)  # 600 s
+
+
+def test_an_unsteady_current_swings_about_its_mean_and_is_the_same_for_a_seed():
+    rng = np.random.default_rng(5)
+    currents = [UnsteadyCurrent.draw((0.3, -0.1), 0.2, rng, count=16) for _ in range(60)]
+    values = np.array([each.current(33.0, -118.0, 7200.0 * k) for each in currents for k in range(40)])
+    np.testing.assert_allclose(values.mean(axis=0), [0.3, -0.1], atol=0.03)
+    np.testing.assert_allclose(values.std(axis=0), 0.2, rtol=0.15)
+    one, other = (UnsteadyCurrent.draw((0.0, 0.0), 0.2, np.random.default_rng(1)) for _ in range(2))
+    assert one.current(33.0, -118.0, 1e4) == other.current(33.0, -118.0, 1e4)
+    near, far = np.subtract(one.current(33.0, -118.0, 0.0), one.current(33.0, -118.0, 60.0)), values.std()
+    assert np.hypot(*near) < far  # a minute changes little
