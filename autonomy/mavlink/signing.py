@@ -170,6 +170,7 @@ class Signing:
         self._timestamp = max(pledge.timestamp, *pledge.streams.values(), 0)
         self._pledged = 0
         self._outrun = False
+        self._own: set[Stream] = set()
         self._streams = {stream: _Heard(last, None, last) for stream, last in pledge.streams.items()}
 
     @property
@@ -185,6 +186,7 @@ class Signing:
         crc = mavlink.x25crc(body)
         crc.accumulate(bytes([crc_extra]))
         link_and_time = bytes([self.link_id]) + self._timestamp.to_bytes(6, "little")
+        self._own.add((self.link_id, packet[5], packet[6]))
         signed = packet[:1] + body + int(crc.crc).to_bytes(2, "little") + link_and_time
         return signed + self._key.signature(signed)
 
@@ -207,7 +209,7 @@ class Signing:
             ahead = max(self._now() + _OWN_AHEAD, self._timestamp + _SPARE, highest)
             self._pledged = min(ahead, LARGEST_TIMESTAMP)
         self._outrun = False
-        return Pledge(self._pledged, streams)
+        return Pledge(self._pledged, streams | dict.fromkeys(self._own, self._pledged))
 
     def _refusal(self, packet: bytes, system: int, component: int, message_id: int) -> Refusal | None:
         if packet[0] != mavlink.PROTOCOL_MARKER_V2 or not packet[2] & mavlink.MAVLINK_IFLAG_SIGNED:
@@ -223,8 +225,8 @@ class Signing:
     def _late(self, stream: Stream, timestamp: int) -> Refusal | None:
         """Hold a rightly signed packet's timestamp against its stream's last one, and remember it."""
         heard = self._streams.get(stream)
-        if heard is not None and timestamp <= heard.last:
-            return Refusal.REPLAYED
+        if stream in self._own or (heard is not None and timestamp <= heard.last):
+            return Refusal.REPLAYED  # and so is what we have said ourselves, sent back to us
         if heard is None:
             self._advance()
             if timestamp + _NEW_STREAM_TICKS < self._timestamp:

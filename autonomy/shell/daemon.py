@@ -166,8 +166,11 @@ class Daemon:
 
     def _received(self, data: bytes, peer: Hashable) -> None:
         messages = self._codec.decode(data, peer)
-        if self._signed_link is not None and self._signed_link.signing.is_due:
-            self._signed_link.tend()
+        if self._signed_link is not None:
+            if self._transport is not None and any(each.get_header().incompat_flags for each in messages):
+                self._transport.vouch(peer)
+            if self._signed_link.signing.is_due:
+                self._signed_link.tend()
         for message in messages:
             self._happened(MessageReceived(message))
 

@@ -101,6 +101,9 @@ class Transport(ABC):
         if not self.is_up or not self._write(data):
             self.dropped_bytes += len(data)
 
+    def vouch(self, peer: Hashable) -> None:  # noqa: B027 -- only where anybody may speak are places few
+        """This peer is known to be one of ours: strangers do not take its place where places are few."""
+
     async def close(self) -> None:
         """Close the link for good; no callback comes afterwards."""
         if self._keeper is not None:
@@ -216,6 +219,12 @@ class _UdpListener(_Udp):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self._peers: dict[Any, float] = {}
+        self._vouched: set[Hashable] = set()
+
+    def vouch(self, peer: Hashable) -> None:
+        """See `Transport.vouch`: when there are too many peers, one that is not vouched for goes first."""
+        if peer in self._peers:
+            self._vouched.add(peer)
 
     async def _connect(self, down: "asyncio.Future[str]") -> None:
         await self._open_socket(down, local_addr=self._address)
@@ -224,7 +233,11 @@ class _UdpListener(_Udp):
         self._peers.pop(peer, None)  # to the end: the dictionary's order is the order of hearing
         self._peers[peer] = asyncio.get_running_loop().time()
         if len(self._peers) > _MAXIMUM_PEERS:
-            del self._peers[next(iter(self._peers))]
+            oldest = next(
+                (each for each in self._peers if each not in self._vouched), next(iter(self._peers))
+            )
+            del self._peers[oldest]
+            self._vouched.discard(oldest)
         super()._received(data, peer)
 
     def _write(self, data: bytes) -> bool:

@@ -165,6 +165,31 @@ def test_who_is_refused_delivers_nothing_and_health_shows_it(
             wait_until(lambda: shore.latest("boat1").plan, what="the welcome one's plan")
 
 
+def test_a_boat_tells_a_foreign_router_nothing(papers: Path, foreign: Path) -> None:
+    """Whoever takes the router's place, by its name, its address or another of our certificates."""
+    for host, router_papers, trusted, verifies, gets_through in (
+        ("127.0.0.1", foreign, papers, True, False),
+        ("127.0.0.2", papers, papers, True, False),
+        ("127.0.0.2", papers, papers, False, True),
+    ):
+        address = f"tls/{host}:{free_port()}"
+        heard: list[str] = []
+        own = Certificates(trusted / "ca.pem", papers / "boat1.pem", papers / "boat1.key", verifies)
+        config = zenoh.Config()
+        listening = certificates(router_papers, "router", papers)
+        for path, value in session_settings("router", listen=[address], certificates=listening).items():
+            config.insert_json5(path, json.dumps(value))
+        with opened(config) as router, publishing("boat1", address, own) as boat:
+            router.declare_subscriber("**", lambda sample, heard=heard: heard.append(str(sample.key_expr)))
+            publish_all(boat)
+            if gets_through:
+                wait_until(lambda heard=heard: heard, what="what is told with verify_name: false")
+            else:
+                time.sleep(2.0)
+                assert heard == []
+                assert boat.status.trouble.startswith("not connected")
+
+
 def test_boats_do_not_hear_each_other_and_what_an_advanced_publisher_keeps_is_had(papers: Path) -> None:
     """Its cache and its heartbeats have keys that ** does not stand for."""
     address = f"tls/127.0.0.1:{free_port()}"
@@ -300,6 +325,56 @@ def test_a_signed_survey_goes_on_under_attack_and_no_secret_gets_out(papers: Pat
     for secret in (passphrase, key._secret, key._secret.hex().encode(), *private):
         for text in (said.encode(), shown, written):
             assert secret not in text
+
+
+def recorded(folder: Path) -> Iterator[bytes]:
+    """Every packet that the service has received or sent, from its recording of the link."""
+    for file in sorted(folder.rglob("*.tlog")):
+        data = file.read_bytes()
+        while len(data) > 11:
+            length = data[9] + (25 if data[10] & 1 else 12)
+            yield data[8 : 8 + length]
+            data = data[8 + length :]
+
+
+def test_after_a_kill_nothing_of_what_was_said_is_believed_again(papers: Path, tmp_path: Path) -> None:
+    port, shore_at, state = free_port(), f"tcp/127.0.0.1:{free_port()}", tmp_path / "state"
+    signing = {"signing": {"key_file": str(papers / "boat1.signing")}}
+    configuration = configure(tmp_path, f"udpin:127.0.0.1:{port}", [shore_at], mavlink=signing)
+    environment = {"XDG_STATE_HOME": str(state)}
+    signed = ("--signing-key", str(papers / "boat1.signing"))
+    with Processes() as processes, Subscriber(VEHICLE, listen=[shore_at]) as shore:
+        first = processes.service(configuration, environment=environment)
+        vessel = processes.vessel("--listen", f"udpout:127.0.0.1:{port}", *VESSEL, *signed)
+        first.wait_for("waypoints verified on board", 60.0)
+        first.kill()
+        vessel.kill()
+        again = processes.service(configuration, environment=environment)
+        again.wait_for("link to the vehicle is open")
+        packets = list(recorded(state))
+        assert len(packets) > 200
+        with Stranger(port, Codec(1, 1)) as stranger:
+            for packet in packets:
+                stranger.say(packet)
+                time.sleep(1e-3)
+
+        def health() -> Any:
+            return shore.latest(VEHICLE).health
+
+        def replayed() -> int:
+            found = re.fullmatch(r"refused: (\d+) replayed", health().security if health() else "")
+            return int(found[1]) if found else 0
+
+        # A socket whose owner is busy loses datagrams.
+        again.wait_until(lambda: replayed() > 0.5 * len(packets), what=f"{len(packets)} refusals")
+        assert [packet for packet in recorded(state) if packet[6] == 1] == [
+            packet for packet in packets if packet[6] == 1
+        ]
+        assert not health().link_ok
+        assert health().state == "waiting_for_vehicle"
+        # The vessel itself is believed at once, though it has said nothing meanwhile.
+        processes.vessel("--listen", f"udpout:127.0.0.1:{port}", *VESSEL, *signed)
+        again.wait_until(lambda: health().link_ok, what="the vessel itself")
 
 
 def test_a_vessel_without_the_key_is_not_heard_and_health_says_why(papers: Path, tmp_path: Path) -> None:

@@ -95,6 +95,34 @@ def test_udpin_answers_every_live_peer() -> None:
     run(test)
 
 
+@pytest.mark.parametrize("vouched", [True, False])
+def test_strangers_do_not_crowd_out_a_peer_that_is_vouched_for(vouched: bool) -> None:
+    async def test(recorder: Recorder) -> None:
+        port = free_port()
+        link = recorder.open(f"udpin:127.0.0.1:{port}")
+        await recorder.until(lambda: recorder.ups == 1)
+        with udp_socket() as boat:
+            boat.settimeout(0.5)
+            boat.sendto(b"boat", ("127.0.0.1", port))
+            await recorder.until(lambda: len(recorder.received) == 1)
+            if vouched:
+                link.vouch(boat.getsockname())
+            for number in range(40):
+                with udp_socket() as stranger:
+                    stranger.sendto(b"?", ("127.0.0.1", port))
+                    await recorder.until(lambda seen=number + 2: len(recorder.received) == seen)
+            link.send(b"hello")
+            await asyncio.sleep(0.05)
+            if vouched:
+                assert boat.recv(100) == b"hello"
+            else:
+                with pytest.raises(TimeoutError):
+                    boat.recv(100)
+        await link.close()
+
+    run(test)
+
+
 def test_udpin_waits_for_an_address_in_use() -> None:
     async def test(recorder: Recorder) -> None:
         with udp_socket() as rival:
