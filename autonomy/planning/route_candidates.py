@@ -156,7 +156,6 @@ class Drafting:
         return passage_of(self._survey).path(start_m, goals[0]), int(cells[0])
 
 
-def route_of(lattice: WaterLattice, draft: Draft, chain: Sequence[int], *, with_tail: bool) -> FloatArray:
-    """Corners of head, chain and, if wanted, tail, the start excluded, shape (k, 2)."""
-    tail = draft.tail_m[1:] if with_tail else draft.tail_m[:0]
-    return np.concatenate([draft.head_m[1:], lattice.corners(chain)[1:], tail])
+def route_of(lattice: WaterLattice, draft: Draft, chain: Sequence[int]) -> FloatArray:
+    """Corners of head, chain and tail, the start excluded, shape (k, 2)."""
+    return np.concatenate([draft.head_m[1:], lattice.corners(chain)[1:], draft.tail_m[1:]])

@@ -30,8 +30,7 @@ _SATURATED = 4.0
 def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     """The route within the budget whose readings leave the least roughness-weighted variance over the water.
 
-    No corner is a sampling spot: readings are taken all along. With a home the route ends there; where home lies
-    outside navigable water, at the last place from which it can be made for within the budget.
+    No corner is a sampling spot: readings are taken all along. With a home the route ends there.
 
     The search begins with what is left of the previous plan, or with lawnmowers in two directions if there is
     none; the best of what comes of them is taken.
@@ -112,15 +111,14 @@ class _Problem:
 
     def route(self, draft: Draft, found: Found) -> FloatArray:
         """Corners of the whole route; without the first cell, if what follows it can be seen from the start."""
-        route = route_of(self.lattice, draft, found.chain, with_tail=self.home_corners(draft) > 0)
+        route = route_of(self.lattice, draft, found.chain)
         if len(draft.head_m) == 2 and len(route) > 1 and self.survey.is_navigable(self.start_m)[0]:
             return route[1:] if self.survey.leg_is_clear(self.start_m, route[1]) else route
         return route
 
     def home_corners(self, draft: Draft) -> int:
         """How many of the route's last corners are the way home."""
-        home_m = self.request.home_m
-        return 0 if home_m is None or not self.survey.is_navigable(home_m)[0] else len(draft.tail_m) - 1
+        return max(0, len(draft.tail_m) - 1)
 
     def _cut(self, draft: Draft) -> Found:
         """The draft itself, cut to the budget."""
