@@ -219,3 +219,11 @@ def test_a_moment_without_processes_fails_one_job_and_passes(monkeypatch):
             assert not desk.worker.keeper.done()
 
     in_loop(scenario())
+
+
+def test_what_only_the_worker_needs_does_not_hold_up_the_service():
+    said = "import sys, autonomy.shell.daemon; print('scipy.optimize' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", said], capture_output=True, text=True, check=True, timeout=100
+    )
+    assert done.stdout == "False\n"
