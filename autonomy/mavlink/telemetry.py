@@ -118,6 +118,8 @@ class Telemetry:
         self._reached: deque[int] = deque(maxlen=_KEPT_EVENTS)
         self._texts: deque[StatusText] = deque(maxlen=_KEPT_EVENTS)
         self.dropped: Counter[str] = Counter()
+        self.position_heard = -math.inf
+        """Protocol time of the last position of the vehicle."""
         """Readings that taught nothing, counted by reason."""
         self._pairing = Pairing(pairing_gap_s, self.dropped)
         self.state: VehicleState | None = None
@@ -255,6 +257,7 @@ class Telemetry:
             return []
         if model_time_s >= self._position_time_s:  # not a straggler
             self._position_time_s = model_time_s
+            self.position_heard = now
             self._update(
                 lat_deg=lat_deg,
                 lon_deg=lon_deg,

@@ -143,8 +143,8 @@ class Month(Voyage):
             self.autopilot.vessel.battery.used_wh = 0.0  # the sun shines
 
     def care(self) -> None:
-        """The operator looks after the boat: whatever was the matter, it is brought under way again."""
-        for _ in range(10):
+        """The operator looks after the boat: it is brought under way again within minutes, jobs that failed included."""
+        for _ in range(60):
             self.arm()
             self.select(Mode.AUTO)
             self.sail(60.0)
