@@ -257,8 +257,9 @@ class Mission:
         way = self._homeward.way(corner, self._with.survey)
         left = self.outcome.usable - self._spent
         over = self._true_cost(np.vstack([self._here_m, way])) - left
-        if (over > 0.0).any():
-            self.outcome.overdrawn_legs.append(float((over / np.abs(left)).max()))
+        past = over > 0.0
+        if past.any():
+            self.outcome.overdrawn_legs.append(float((over[past] / np.abs(left[past])).max()))
 
     def _true_cost(self, points_m: FloatArray) -> FloatArray:
         cost = np.zeros(3)

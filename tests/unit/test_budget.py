@@ -1,9 +1,11 @@
 """Limits, what is left of them, and what legs cost: values worked out by hand."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from autonomy.budget import DISTANCE, DURATION, ENERGY, Budget, Reading, Stage
 from autonomy.config import BudgetSection
@@ -147,3 +149,24 @@ def test_another_survey_begins_with_a_budget_of_its_own() -> None:
     some.follow(at(600.0, 900.0, consumed_j=300e3, charge=1.0))
     some.begin()
     np.testing.assert_allclose(some.left()[[DISTANCE, ENERGY]], [1000.0, 360e3])
+
+
+def test_the_example_of_the_documentation_is_accepted() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "budget.md").read_text()
+    example = yaml.safe_load(page.split("```")[1])
+    some = Budget(BudgetSection.model_validate(example["budget"], strict=False))
+    np.testing.assert_allclose(some.limits, [30e3, 21600.0, 1200.0 * 3600.0])
+
+
+@pytest.mark.parametrize(
+    ("keys", "word"),
+    [
+        ({"energy_wh": 100.0}, "needs budget.consumption_j_per_m"),
+        ({"low_battery": 0.2, "critical_battery": 0.3}, "must be at most budget.low_battery"),
+        ({"home_margin": 0.9}, "greater than or equal to 1"),
+        ({"reserve": 1.0}, "less than 1"),
+    ],
+)
+def test_what_cannot_be_is_refused(keys: dict[str, float], word: str) -> None:
+    with pytest.raises(ValueError, match=word):
+        BudgetSection.model_validate(keys)
