@@ -143,7 +143,7 @@ class Month(Voyage):
             self.autopilot.vessel.battery.used_wh = 0.0  # the sun shines
 
     def care(self) -> None:
-        """The operator looks after the boat: it is brought under way again within minutes, jobs that failed included."""
+        """The operator looks after the boat: it is brought under way again within some minutes."""
         for _ in range(60):
             self.arm()
             self.select(Mode.AUTO)
