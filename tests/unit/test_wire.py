@@ -62,7 +62,7 @@ plans = st.integers(0, 20).flatmap(
         objective_before=maybe(number),
         objective_after=maybe(number),
         expected_rmse=maybe(st.floats(0, 1e6)),
-        rejected=st.lists(st.tuples(st.text(max_size=40), number), max_size=20).map(tuple),
+        rejected=st.lists(st.tuples(st.text(max_size=40), number), max_size=3).map(tuple),
         seed=maybe(count),
         model_version=maybe(count),
     )
