@@ -6,9 +6,11 @@ is clear of land.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
@@ -33,9 +35,8 @@ class Detours:
         """
         start = np.asarray(start_m, dtype=float).reshape(2)
         self._survey = survey
-        self._fine = _Cells(passage.raster)
-        cells = min(_COARSE_CELLS, survey.passage_cells)
-        self._coarse = _Cells(Raster.of(replace(survey, passage_cells=cells)))
+        self._fine, self._coarse = _cells_of(survey, passage)
+        self._whole = len(passage.raster.centres_m)
         _, first = np.unique(self._fine.basins, return_index=True)
         within = passage.reachable(start, self._fine.centres_m[first])
         if not within.any():
@@ -49,7 +50,7 @@ class Detours:
     @property
     def cells_m(self) -> FloatArray:
         """Centres of the raster's cells that can be reached, shape (n, 2)."""
-        cells: FloatArray = self._fine.centres_m[self._within]
+        cells: FloatArray = self._fine.centres_m[: self._whole][self._within[: self._whole]]
         return cells
 
     def reachable(self, points_m: ArrayLike) -> BoolArray:
@@ -77,8 +78,11 @@ class Detours:
         points = np.asarray(points_m, dtype=float).reshape(-1, 2)
         first, second = np.triu_indices(len(points), 1)
         lengths = np.hypot(*(points[first] - points[second]).T)
-        bent = ~self._survey.legs_are_clear(points[first], points[second])
-        along = self._fine.all_distances(points)[first[bent], second[bent]]
+        bent = np.flatnonzero(~self._survey.legs_are_clear(points[first], points[second]))
+        pairs = first[bent], second[bent]
+        along = self._coarse.from_each(points, *pairs)
+        closed = ~np.isfinite(along)
+        along[closed] = self._fine.from_each(points, pairs[0][closed], pairs[1][closed])
         lengths[bent] = np.maximum(lengths[bent], along)
         matrix = np.zeros((len(points), len(points)))
         matrix[first, second] = matrix[second, first] = lengths
@@ -86,11 +90,11 @@ class Detours:
 
 
 class _Cells:
-    """The passable cells of one raster and the distances along its graph, each looked for once."""
+    """The cells of one graph and the distances along it, each looked for once."""
 
-    def __init__(self, raster: Raster) -> None:
-        self._graph = raster.graph()
-        self.centres_m = raster.centres_m
+    def __init__(self, centres_m: FloatArray, graph: csr_array) -> None:
+        self._graph = graph
+        self.centres_m = centres_m
         self.basins: IntArray = connected_components(self._graph, directed=False)[1]
         self._tree = cKDTree(self.centres_m) if len(self.centres_m) else None
         self._known: dict[tuple[int, int], float] = {}
@@ -108,12 +112,15 @@ class _Cells:
         pairs = np.sort(np.stack([self.nearest(starts_m), self.nearest(ends_m)], axis=-1), axis=1)
         return np.array([self._between(tail, head) for tail, head in pairs.tolist()])
 
-    def all_distances(self, points_m: FloatArray) -> FloatArray:
-        """Between the cells nearest to all points, shape (n, 2); shape (n, n)."""
-        cells = self.nearest(points_m)
-        # One search at a time: all together would fill n × all cells.
-        rows = [dijkstra(self._graph, indices=cell)[cells] for cell in cells.tolist()]
-        return np.array(rows).reshape(len(cells), len(cells))
+    def from_each(self, points_m: FloatArray, first: IntArray, second: IntArray) -> FloatArray:
+        """Between the cells nearest to pairs of points; one search for each of the first ones."""
+        cells, lengths = self.nearest(points_m), np.full(len(first), np.inf)
+        # One search at a time: all together would fill all points × all cells.
+        for each in np.unique(first).tolist():
+            own = first == each
+            if cells[each] >= 0:
+                lengths[own] = dijkstra(self._graph, indices=cells[each])[cells[second[own]]]
+        return lengths
 
     def _between(self, tail: int, head: int) -> float:
         if tail < 0 or self.basins[tail] != self.basins[head]:
@@ -121,3 +128,11 @@ class _Cells:
         if (tail, head) not in self._known:
             self._known[tail, head] = float(dijkstra(self._graph, indices=tail)[head])
         return self._known[tail, head]
+
+
+@lru_cache(maxsize=4)
+def _cells_of(survey: SurveyArea, passage: Passage) -> tuple[_Cells, _Cells]:
+    """The passage's own cells and coarse ones; what they know of ways is kept for the next request."""
+    cells = min(_COARSE_CELLS, survey.passage_cells)
+    coarse = Raster.of(replace(survey, passage_cells=cells))
+    return _Cells(passage.nodes_m, passage.graph), _Cells(coarse.centres_m, coarse.graph())

@@ -6,7 +6,11 @@ import shapely
 from shapely.geometry import LineString, box
 
 from autonomy.geometry import LocalFrame, path_length_m
+from autonomy.learning.field_model import FieldModel
+from autonomy.learning.kernel import Hyperparameters
 from autonomy.planning.passage import Passage
+from autonomy.planning.planners import PLANNERS
+from autonomy.planning.request import PlanRequest
 from autonomy.planning.survey import SurveyArea
 
 FRAME = LocalFrame(33.0, -119.0)
@@ -55,3 +59,13 @@ def test_every_edge_of_the_graph_is_a_clear_leg(seed):
     assert shapely.distance(legs, land).min() >= 10.0 - 2e-3
     assert abs(passage.graph - passage.graph.T).max() == 0.0
     assert edges.data == pytest.approx(shapely.length(legs))
+
+
+@pytest.mark.parametrize("name", ["lawnmower", "patrol", "paper", "spots"])
+def test_every_planner_sails_water_beyond_a_channel_narrower_than_a_cell(name):
+    land = box(0, 480, 1000, 520) - box(501, 480, 504, 520)
+    area = survey(land, passage_cells=100)
+    model = FieldModel.prior(Hyperparameters(1.0, 0.01, (150.0, 150.0)))
+    request = PlanRequest(model, np.array([100.0, 100.0]), 10, (8, 8), "test", 0, budget_m=6000.0)
+    route = PLANNERS[name](request, area).route_m
+    assert (route[:, 1] > 520).any()
