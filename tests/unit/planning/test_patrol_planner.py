@@ -1,5 +1,7 @@
 """The round that is sailed for ever."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from shapely.geometry import Point, box
@@ -10,10 +12,11 @@ from autonomy.learning.kernel import Component, Kernel
 from autonomy.learning.spatial import SquaredExponential
 from autonomy.learning.temporal import OrnsteinUhlenbeck
 from autonomy.planning.assembly import verify
+from autonomy.planning.nowcast import nowcast_variance
 from autonomy.planning.passage import passage_of
 from autonomy.planning.planners import patrol
 from autonomy.planning.request import PlanRequest
-from autonomy.planning.spacing import lane_spacing_m, round_spacing_m
+from autonomy.planning.spacing import lane_spacing_m
 from autonomy.planning.survey import SurveyArea
 
 FRAME = LocalFrame(33.0, -119.0)
@@ -21,6 +24,7 @@ ISLAND = Point(5000, 5000).buffer(1800)
 SLOW_S = 200_000.0
 
 
+@cache
 def survey(land=None, **given):
     return SurveyArea.from_geometry(FRAME, box(0, 0, 10_000, 10_000), land=land, **given)
 
@@ -31,11 +35,13 @@ def request(start=(1250.0, 1250.0), lengthscale_m=2174.0, timescale_s=SLOW_S, **
 
 
 def test_on_a_square_the_round_is_as_long_as_its_lattice_allows():
-    """Four by four sites 2.5 km apart: sixteen legs, back where it began."""
+    """An even number of sites on each side: as many legs as sites, back where it began."""
     made = patrol.plan(request(), survey())
-    assert made.length_m == pytest.approx(16 * 2500.0)
-    assert len(made.spots_m) == 16
-    assert made.route_m[-1].tolist() == [1250.0, 1250.0]
+    side = round(len(made.spots_m) ** 0.5)
+    assert side % 2 == 0
+    assert len(made.spots_m) == side**2
+    assert made.length_m == pytest.approx(side * 10_000.0)
+    assert made.route_m[-1].tolist() == made.start_m.tolist()
     assert made.mutual_information > 0.0
 
 
@@ -46,8 +52,8 @@ def test_every_place_is_visited_once_a_round_and_nothing_crosses_land():
     spots = made.spots_m
     assert np.array_equal(spots[0], spots[-1])
     assert len(np.unique(spots, axis=0)) == len(spots) - 1
-    sites = area.candidate_sites(4, 4)
-    assert {tuple(spot) for spot in spots} == {tuple(site) for site in sites}
+    across = len(np.unique(spots[:, 0])), len(np.unique(spots[:, 1]))
+    assert {tuple(spot) for spot in spots} == {tuple(site) for site in area.candidate_sites(*across)}
 
 
 def test_round_after_round_is_the_same_in_the_same_direction():
@@ -63,15 +69,14 @@ def test_a_round_under_way_is_gone_on_with_although_the_field_seems_a_little_dif
     left, marks = first.route_m[5:], first.is_spot[5:]
     here = tuple(0.5 * (first.route_m[4] + first.route_m[5]))
     going_on = {"remainder_m": left, "remainder_is_spot": marks}
-    for lengthscale_m in (1850.0, 2174.0, 2600.0):
+    for lengthscale_m in (2000.0, 2400.0):
         later = patrol.plan(request(here, lengthscale_m, **going_on), area)
         assert np.array_equal(later.spots_m[: len(left)], left)
-        assert len(later.spots_m) == 17
-    for lengthscale_m in (1200.0, 4000.0):
-        assert len(patrol.plan(request(here, lengthscale_m, **going_on), area).spots_m) != 17
+        assert len(later.spots_m) == len(first.spots_m) + 1
+    assert len(patrol.plan(request(here, 1000.0, **going_on), area).spots_m) > len(first.spots_m) + 1
 
 
-def test_the_spacing_follows_the_largest_part_that_moves():
+def test_the_largest_part_that_moves_decides():
     static = Component(5.0, SquaredExponential((4000.0, 4000.0)))
     small = Component(0.2, SquaredExponential((500.0, 500.0)), OrnsteinUhlenbeck(SLOW_S))
     large = Component(1.0, SquaredExponential((1000.0, 1500.0)), OrnsteinUhlenbeck(SLOW_S))
@@ -79,16 +84,32 @@ def test_the_spacing_follows_the_largest_part_that_moves():
     assert lane_spacing_m(Kernel((static,), 0.1)) == pytest.approx(4600.0)
 
 
-def test_a_field_that_forgets_faster_than_a_round_takes_is_seen_more_coarsely():
-    slow, fast, faster = (
-        Hyperparameters(1.0, 0.1, (1000.0, 1000.0), timescale_s).kernel
-        for timescale_s in (1e6, 1e8 / 1.5 / 1600.0, 1e3)
-    )
-    assert round_spacing_m(slow, 1e8, 1.5) == pytest.approx(1150.0)
-    assert round_spacing_m(fast, 1e8, 1.5) == pytest.approx(1600.0)
-    assert round_spacing_m(faster, 1e8, 1.5) == pytest.approx(2000.0)
-    still = Hyperparameters(1.0, 0.1, (1000.0, 1000.0)).kernel
-    assert round_spacing_m(still, 1e8, 1.5) == pytest.approx(1150.0)
+def test_the_faster_a_field_forgets_the_coarser_and_shorter_the_round():
+    lengths = [patrol.plan(request(timescale_s=s), survey()).length_m for s in (2e6, 2e5, 2e4)]
+    assert lengths[0] > lengths[1] > lengths[2]
+
+
+def test_the_expected_variance_is_what_a_dense_process_leaves():
+    """Literal: every reading of three rounds, at four moments, given the covariance of readings in space and time."""
+    kernel = Hyperparameters(2.0, 0.05, (2500.0, 2500.0), 30_000.0).kernel
+    corners = np.array([[2000.0, 2000.0], [8000.0, 2000.0], [8000.0, 8000.0], [2000.0, 8000.0]])
+    points = survey().candidate_sites(5, 5)
+    ours = nowcast_variance(kernel, corners, 1.5, 240.0, points)
+    step_m, length_m = 240.0, 24_000.0
+    behind_m = np.arange(0.5 * step_m, 3 * length_m, step_m)
+    literal = []
+    for moment in range(4):
+        along_m = (moment * length_m / 4 - behind_m) % length_m
+        leg, rest = np.divmod(along_m, 6000.0)
+        leg = leg.astype(int)
+        places = corners[leg] + (np.roll(corners, -1, axis=0)[leg] - corners[leg]) * (rest / 6000.0)[:, None]
+        lag_s = np.abs(behind_m[:, None] - behind_m[None]) / 1.5
+        squared = np.sum((places[:, None] - places[None]) ** 2, axis=-1)
+        K = 2.0 * np.exp(-0.5 * squared / 2500.0**2 - lag_s / 30_000.0) + 0.05 * np.eye(len(places))
+        squared = np.sum((places[:, None] - points[None]) ** 2, axis=-1)
+        k = 2.0 * np.exp(-0.5 * squared / 2500.0**2 - behind_m[:, None] / 1.5 / 30_000.0)
+        literal.append(np.mean(2.0 - np.sum(k * np.linalg.solve(K, k), axis=0)))
+    assert ours == pytest.approx(np.mean(literal), rel=1e-6)
 
 
 def test_of_a_round_longer_than_the_budget_the_first_part_is_sailed():
