@@ -18,6 +18,9 @@ DISTANCE, DURATION, ENERGY = range(3)
 CAUTION = 1.0
 """Standard deviations of what has been learnt, on the safe side, in the cost of a leg."""
 
+COHERENT_M = 1000.0
+"""Over such a way the weather stays as it is."""
+
 LONGEST_GAP_S = 60.0
 """After a longer silence nobody knows how the boat has sailed meanwhile."""
 
@@ -169,8 +172,14 @@ class Budget:
         return costs
 
     def cost(self, points_m: ArrayLike) -> FloatArray:
-        """What a polyline, shape (k, 2), will cost in all, shape (3,)."""
+        """What a polyline, shape (k, 2), will cost in all, shape (3,).
+
+        Wind and waves that are against the boat stay so for a while: what windows differ by is the less averaged out
+        the shorter the way is.
+        """
         total: FloatArray = self.costs(points_m).sum(axis=0)
+        coherent_m = min(total[DISTANCE], math.sqrt(COHERENT_M * total[DISTANCE]))
+        total += CAUTION * coherent_m * np.array([0.0, self._pace.spread, self._consumption.spread])
         return total
 
     def affords(self, cost: FloatArray) -> bool:

@@ -47,7 +47,7 @@ class MetreCost:
         self._metered: float | None = None
         self._sailed_m = 0.0
         self._moved_m = np.zeros(2)
-        self._posterior: tuple[FloatArray, FloatArray] | None = None
+        self._posterior: tuple[FloatArray, FloatArray, float] | None = None
 
     def pause(self) -> None:
         """What comes next is no part of a window: the boat is not sailing."""
@@ -74,38 +74,43 @@ class MetreCost:
         """Of a metre in any direction."""
         return float(self._fitted()[0][0])
 
+    @property
+    def spread(self) -> float:
+        """Robust standard deviation of windows about their mean; 0 before the first."""
+        return self._fitted()[2]
+
     def along(self, directions: ArrayLike, deviations: float = 0.0) -> FloatArray:
         """Cost of a metre in unit directions, shape (n, 2), plus so many standard deviations of it; shape (n,)."""
         towards = np.asarray(directions, dtype=float).reshape(-1, 2)
         design = np.column_stack([np.ones(len(towards)), towards])
-        mean, covariance = self._fitted()
+        mean, covariance, _ = self._fitted()
         deviation = np.sqrt(np.einsum("ni,ij,nj->n", design, covariance, design).clip(0.0))
         # Where a strong current helps, the harmonic would end below nothing.
         cost: FloatArray = np.maximum(design @ mean, 0.2 * mean[0]) + deviations * deviation
         return cost
 
-    def _fitted(self) -> tuple[FloatArray, FloatArray]:
+    def _fitted(self) -> tuple[FloatArray, FloatArray, float]:
         if self._posterior is None:
             self._posterior = self._fit()
         return self._posterior
 
-    def _fit(self) -> tuple[FloatArray, FloatArray]:
+    def _fit(self) -> tuple[FloatArray, FloatArray, float]:
         if not self._windows and self._guess is None:
-            return np.zeros(3), np.zeros((3, 3))
+            return np.zeros(3), np.zeros((3, 3)), 0.0
         windows = np.array(self._windows).reshape(-1, 3)
         cost, design = windows[:, 0], np.column_stack([np.ones(len(windows)), windows[:, 1:]])
         guess = float(np.median(cost)) if self._guess is None else self._guess
         prior = np.array([guess, 0.0, 0.0])
         precision = np.diag((np.array([GUESS_SD, DIRECTION_SD, DIRECTION_SD]) * guess) ** -2.0)
         mean: FloatArray = np.array([np.median(cost), 0.0, 0.0]) if len(cost) else prior
-        covariance = np.asarray(np.linalg.inv(precision), dtype=float)
+        covariance, spread = np.asarray(np.linalg.inv(precision), dtype=float), 0.0
         for _ in range(_ROUNDS if len(cost) else 0):
             residual = np.abs(cost - design @ mean)
             spread = max(1.4826 * float(np.median(residual)), LEAST_SPREAD * abs(float(mean[0])))
             weights = 1.0 / np.maximum(1.0, residual / (_HUBER_K * spread)) / (ALIKE * spread**2)
             covariance = np.linalg.inv(precision + design.T @ (weights[:, None] * design))
             mean = covariance @ (precision @ prior + design.T @ (weights * cost))
-        return mean, covariance
+        return mean, covariance, spread
 
 
 class Meter:

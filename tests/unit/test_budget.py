@@ -170,3 +170,13 @@ def test_the_example_of_the_documentation_is_accepted() -> None:
 def test_what_cannot_be_is_refused(keys: dict[str, float], word: str) -> None:
     with pytest.raises(ValueError, match=word):
         BudgetSection.model_validate(keys)
+
+
+def test_the_shorter_the_way_the_less_the_weather_averages_out() -> None:
+    some = learnt(0.0)
+    spread_j_per_m = 0.05 * 100.0  # nothing is steadier at sea
+    for length_m, coherent_m in ((400.0, 400.0), (4000.0, 2000.0)):
+        way = [(0.0, 0.0), (length_m, 0.0)]
+        more = some.cost(way) - some.costs(way).sum(axis=0)
+        assert more[ENERGY] == pytest.approx(spread_j_per_m * coherent_m, rel=0.02)
+        assert more[DISTANCE] == 0.0
