@@ -14,7 +14,7 @@ import hashlib
 import logging
 import os
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -292,11 +292,15 @@ def _read(path: Path) -> bytes:
 class Keeper:
     """Writes checkpoints in a thread of its own; one that is not written yet gives way to a newer one.
 
+    Before one is written, `sync` has the journal put on the disk up to its position: or after a power cut the
+    checkpoint would know what the journal does not, and no replay could come to the same.
+
     To be used from one thread. `trouble` is why the last one could not be written, empty if it was.
     """
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, sync: Callable[[Position], object] = lambda position: None) -> None:
         self._store = store
+        self._sync = sync
         self._waiting: Checkpoint | None = None
         self._closing = False
         self._changed = threading.Condition()
@@ -328,6 +332,8 @@ class Keeper:
             self._write(checkpoint)
 
     def _write(self, checkpoint: Checkpoint) -> None:
+        if checkpoint.position is not None:
+            self._sync(checkpoint.position)
         try:
             size = self._store.save(checkpoint)
         except (OSError, TypeError, ValueError) as error:

@@ -88,6 +88,7 @@ class Journal:
         self._changed = threading.Condition()
         self._in_hand: list[Row | Packet] = []
         self._closing = False
+        self._sync_wanted = False
         self._refused_records = 0
         self._refused_packets = 0
         self._failure = ""
@@ -162,6 +163,15 @@ class Journal:
         with self._changed:
             self._changed.wait_for(lambda: not (self._waiting or self._in_hand))
 
+    def sync(self, at: Position, within_s: float) -> bool:
+        """Have all before a position of this run put on the disk now; whether it was. For any thread."""
+        with self._changed:
+            self._sync_wanted = True
+            self._changed.notify_all()
+            return self._changed.wait_for(
+                lambda: self._store.synced >= at or bool(self._failure), within_s
+            ) and not bool(self._failure)
+
     def close(self) -> None:
         """Write and sync what is left; nothing is recorded afterwards."""
         with self._changed:
@@ -216,11 +226,11 @@ class Journal:
     def _serve(self) -> None:
         sync_due = None
         while True:
-            items, closing = self._take(sync_due)
+            items, closing, wanted = self._take(sync_due)
             if items:
                 self._store.write(items)
                 sync_due = sync_due or time.monotonic() + self._sync_s
-            if sync_due is not None and (closing or not items or time.monotonic() >= sync_due):
+            if sync_due is not None and (closing or wanted or not items or time.monotonic() >= sync_due):
                 self._store.sync()
                 sync_due = None
             self._done(items)
@@ -229,15 +239,16 @@ class Journal:
             if closing and not items:
                 return
 
-    def _take(self, sync_due: float | None) -> tuple[list[Row | Packet], bool]:
-        """What waits, as soon as there is any, or nothing when a sync is due or somebody waits for the disk."""
+    def _take(self, sync_due: float | None) -> tuple[list[Row | Packet], bool, bool]:
+        """What waits, as soon as there is any; nothing if a sync is due. Whether that is all; whether to sync now."""
         with self._changed:
             patience_s = None if sync_due is None else max(0.0, sync_due - time.monotonic())
-            self._changed.wait_for(lambda: self._waiting or self._closing, patience_s)
+            self._changed.wait_for(lambda: self._waiting or self._closing or self._sync_wanted, patience_s)
+            wanted, self._sync_wanted = self._sync_wanted, False
             items = list(self._waiting)
             self._waiting.clear()
             self._in_hand = items
-            return items, self._closing
+            return items, self._closing, wanted
 
     def _done(self, items: Sequence[Row | Packet]) -> None:
         with self._changed:

@@ -30,6 +30,9 @@ HEALTHY_S = 60.0
 REPLAY_S = 30.0
 """Longest time spent on the journal's records: the service manager waits for the service, the boat for both."""
 
+SYNC_S = 5.0
+"""Longest wait for the journal before a checkpoint: if its disk refuses, the checkpoint is made all the same."""
+
 _QUICK_S = 1.0
 _QUARANTINES_PER_START = 20
 _LONGEST_AWAY_S = 30 * 86400.0
@@ -121,7 +124,11 @@ class Continuity:
 
     def begin(self, journal: Journal | None) -> None:
         """The run begins now: from here on the core hears of what happens."""
-        self._keeper = Keeper(self._store)
+        self._keeper = (
+            Keeper(self._store)
+            if journal is None
+            else Keeper(self._store, lambda position: journal.sync(position, SYNC_S))
+        )
         present = Moment.present()
         self._began = present.now
         if self._last is not None:

@@ -352,6 +352,19 @@ def test_any_error_of_the_disk_is_survived(tmp_path: Path, header, number: int) 
     assert numbers(tmp_path)[-1] == 3
 
 
+def test_who_cannot_wait_for_the_next_sync_asks_for_one(tmp_path: Path, header) -> None:
+    journal = Journal(Store(tmp_path, LARGE, header), sync_s=1e9)
+    for number in range(1, 4):
+        journal.event(float(number), DeadlineReached())
+        journal.flush()
+        assert journal.status.synced == (None if number == 1 else Position(1, number - 1))
+        assert journal.sync(journal.position, 60.0)
+        assert journal.status.synced == Position(1, number)
+    assert journal.sync(journal.position, 60.0), "again, with nothing to do"
+    assert not journal.sync(Position(1, 4), 0.01), "that is not recorded yet"
+    journal.close()
+
+
 def test_a_sync_that_fails_is_trouble(tmp_path: Path, header, monkeypatch: pytest.MonkeyPatch) -> None:
     store = Store(tmp_path, LARGE, header)
     store.write([row(1)])
