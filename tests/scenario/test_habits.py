@@ -1,19 +1,31 @@
 """Autopilots as they are: each of their habits, and the survey goes on, or yields where it must."""
 
+from dataclasses import fields
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sim.autopilot import MissionState, Mode
+from sim.autopilot import MissionState, Mode, Options
 
 from .conftest import FRAME, HARBOUR_M, boat
 
 WEST_HALF = ((-200.0, -400.0), (1200.0, -400.0), (1200.0, 2600.0), (-200.0, 2600.0))
 INSIDE = shapely.Polygon(WEST_HALF)
 WRAP_S = 2**32 / 1000.0
+
+
+NO_HABITS = {"system_id", "speed_mps", "waypoint_radius_m", "start_utc_s"}
+
+
+@pytest.mark.parametrize("habit", [field.name for field in fields(Options) if field.name not in NO_HABITS])
+def test_each_habit_of_the_simulated_autopilot_has_a_scenario(habit):
+    """Named where it is switched on; whoever gives it another habit shows what comes of it."""
+    scenarios = [path.read_text() for path in Path(__file__).parent.glob("test_*.py")]
+    assert any(f"{habit}=" in text or f'"{habit}"' in text for text in scenarios)
 
 
 def track_of(voyage, duration_s, step_s=2.0):
@@ -250,3 +262,45 @@ def test_the_ground_stations_failsafe_takes_the_boat_and_the_operator_gives_it_b
     voyage.autopilot.parameters.set("FS_GCS_ENABLE", 0.0)
     voyage.select(Mode.AUTO)
     voyage.until("exploring: in AUTO under our mission")
+
+
+def test_an_upload_that_restarts_the_mission_by_itself_is_sailed_from_its_first_waypoint_too(make_voyage):
+    voyage = make_voyage(boat(restarts_on_upload=True))
+    voyage.start()
+    assert voyage.advance(900.0, until=lambda: voyage.autopilot.navigator.current >= 3)
+    voyage.until("plan 2")
+    assert voyage.advance(20.0, until=lambda: voyage.verified == 2)
+    assert voyage.autopilot.navigator.current == 1
+    begun = voyage.now
+    assert voyage.advance(600.0, until=lambda: bool(voyage.lines("Reached waypoint #1", since=begun)))
+
+
+def test_an_autopilot_that_is_not_ready_to_be_armed_is_armed_when_it_is(make_voyage):
+    """It refuses with MAV_RESULT_FAILED; nobody else is there to arm it."""
+    voyage = make_voyage(boat(arming_checks=True, ready_after_s=60.0), authority={"mode": "full"})
+    voyage.advance(59.0)
+    assert not voyage.autopilot.navigator.armed
+    assert voyage.advance(60.0, until=lambda: bool(voyage.lines("exploring: in AUTO under our mission")))
+    assert voyage.autopilot.navigator.armed
+
+
+def test_while_another_station_uploads_ours_waits_and_does_not_lose_its_turn(voyage):
+    """ACK 14 until the other, who never goes on, is given up after eight seconds."""
+    voyage.job_s = 10.0
+    assert voyage.advance(1000.0, until=lambda: voyage.health.worker_busy)
+    answers = []
+    deliver = voyage.happened
+
+    def happened(event):
+        message = getattr(event, "message", None)
+        if message is not None and message.get_type() == "MISSION_ACK":
+            answers.append(message.type)
+        deliver(event)
+
+    voyage.happened = happened
+    voyage.announce_as_operator(len(voyage.autopilot.store) + 1)
+    voyage.until("plan 2", patience_s=6.0)
+    assert voyage.advance(60.0, until=lambda: voyage.verified == 2)
+    assert mavlink.MAV_MISSION_DENIED in answers or mavlink.MAV_MISSION_OPERATION_CANCELLED in answers
+    assert (abs(voyage.on_board_m() - voyage.plan_m()) < 0.05).all()
+    assert voyage.health.state == "exploring"
