@@ -9,7 +9,7 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
-.PHONY: help setup demo test accuracy soak-learning soak-authority soak-restarts systemd-test lint bench clean
+.PHONY: help setup demo test accuracy soak-learning soak-authority soak-restarts soak-decoders soak-month systemd-test lint bench clean
 
 help:
 	@echo "make demo            a simulated vessel learns a patch of coast: three processes, about two minutes, one picture"
@@ -19,6 +19,8 @@ help:
 	@echo "make soak-authority  a thousand surveys that operator and autopilot meddle with: ten minutes"
 	@echo "make soak-restarts   two hundred times kill -9: half an hour"
 	@echo "make systemd-test    the unit on a systemd booted in a container, with faults: as root, two minutes"
+	@echo "make soak-decoders   a million damaged inputs for every reader of bytes from outside: half a day"
+	@echo "make soak-month      a simulated month at sea under faults: three hours"
 	@echo "make lint            style, types and import contracts"
 	@echo "make bench           benchmarks, as ratios against references measured in the same run"
 	@echo "make clean           remove the virtual environment and caches"
@@ -56,6 +58,13 @@ soak-restarts: $(READY)
 systemd-test: $(READY)
 	command -v systemd-nspawn || (apt-get update && apt-get install --yes systemd-container)
 	HALOCLINE_BOOT=1 $(BIN)/python -m pytest -q -s tests/process/test_systemd.py
+
+soak-decoders: $(READY)
+	HALOCLINE_FUZZ=1000000 $(BIN)/python -m pytest -q -s --timeout=86400 tests/property/test_decoders.py
+	HALOCLINE_LIES=100 $(BIN)/python -m pytest -q tests/property/test_lying_vehicle.py
+
+soak-month: $(READY)
+	HALOCLINE_MONTH_S=2600000 $(BIN)/python -m pytest -q -s --timeout=86400 tests/scenario/test_month.py
 
 lint: $(READY)
 	$(BIN)/ruff check .
