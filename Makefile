@@ -17,7 +17,7 @@ help:
 	@echo "make accuracy        the learner against exact processes, scikit-learn and moving seas, on many fields: an hour"
 	@echo "make soak-learning   a million readings on one track: an hour"
 	@echo "make soak-authority  a thousand surveys that operator and autopilot meddle with: ten minutes"
-	@echo "make soak-restarts   two hundred times kill -9: half an hour"
+	@echo "make soak-restarts   two hundred times kill -9, twenty power cuts, an hour replayed: forty minutes"
 	@echo "make systemd-test    the unit on a systemd booted in a container, with faults: as root, two minutes"
 	@echo "make soak-decoders   a million damaged inputs for every reader of bytes from outside: half a day"
 	@echo "make soak-month      a simulated month at sea under faults: three hours"
@@ -53,7 +53,9 @@ soak-authority: $(READY)
 	HALOCLINE_HUNDREDS=10 $(BIN)/python -m pytest -q -n 2 tests/property/test_authority.py
 
 soak-restarts: $(READY)
-	HALOCLINE_KILLS=200 $(BIN)/python -m pytest -q -s --timeout=14400 tests/process/test_resumption.py
+	HALOCLINE_KILLS=200 HALOCLINE_CUTS=20 $(BIN)/python -m pytest -q -s --timeout=14400 \
+		tests/process/test_resumption.py tests/process/test_power_cut.py
+	HALOCLINE_REPLAY_S=3600 $(BIN)/python -m pytest -q -s --timeout=14400 tests/scenario/test_long_replay.py
 
 systemd-test: $(READY)
 	command -v systemd-nspawn || (apt-get update && apt-get install --yes systemd-container)
