@@ -10,7 +10,10 @@ from autonomy.geometry import FloatArray
 from autonomy.planning.information import precision
 from autonomy.planning.selection import Selection, check_size, greedy_sites, selection_of
 
-_RANDOM_STARTS = 5
+_RANDOM_STARTS = (5, 2)
+"""Up to `_MANY` candidates, and beyond: there the inverse takes most of the time already, and ties are rarer."""
+
+_MANY = 500
 _LEAST_GAIN = 1e-10
 """Relative gain of the two determinants' product below which a swap is round-off."""
 
@@ -30,7 +33,7 @@ def select_by_exchange(
 ) -> Selection:
     """A set of n sites that no single swap improves: the best of several in true mutual information.
 
-    From the greedy choice, three random ones, and those given, the best swap of one chosen site for one other is made
+    From the greedy choice, several random ones, and those given, the best swap of one chosen site for one other is made
     until none raises I(P) = ½(log|S_PP| + log|Λ_PP|). With K = S_PP⁻¹ and A = S_XP K, taking p out and x in multiplies
     |S_PP| by K_pp var(x | P) + A_xp², and likewise |Λ_PP|: all n (N − n) swaps cost O(n²N) time after the inverse.
 
@@ -50,7 +53,8 @@ def select_by_exchange(
     check_size(n, len(covariance))
     rng = np.random.default_rng(seed)
     starts = [_completed(covariance, Lambda, sites, n) for sites in (*first, ())]
-    starts += [rng.permutation(len(covariance))[:n] for _ in range(_RANDOM_STARTS)]
+    random_starts = _RANDOM_STARTS[len(covariance) > _MANY]
+    starts += [rng.permutation(len(covariance))[:n] for _ in range(random_starts)]
     refined = [np.sort(_refined(covariance, Lambda, start)).tolist() for start in starts]
     found = [selection_of(covariance, Lambda, sites, None, noise_variance) for sites in refined]
     best = max(each.mutual_information for each in found)
