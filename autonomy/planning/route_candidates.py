@@ -85,7 +85,9 @@ class Drafting:
         It may be longer than the budget by a tenth; what is beyond is cut off.
         """
         lattice, way = self._lattice, np.concatenate([self._start_m[None], corners_m])
-        head_m, entry = self._way_in(self._start_m, advance_along(way, _ENTRY * lattice.side_m))
+        first_m = float(np.hypot(*(way[1] - way[0])))
+        joined_m = first_m if first_m <= 2.0 * _ENTRY * lattice.side_m else _ENTRY * lattice.side_m
+        head_m, entry = self._way_in(self._start_m, advance_along(way, joined_m))
         chain = [entry]
         for cell in self._cells_along(way)[1:]:
             if cell != chain[-1]:
@@ -136,7 +138,8 @@ class Drafting:
         """Usable cells near a polyline, in its order."""
         step_m, places = _STEP * self._lattice.side_m, [way_m[:1]]
         for a, b in pairwise(way_m):
-            parts = max(1, int(np.ceil(np.hypot(*(b - a)) / step_m)))
+            # What a single leg can be is not bent by going to cells beside it.
+            parts = 1 if np.hypot(*(b - a)) <= 2.0 * step_m else int(np.ceil(np.hypot(*(b - a)) / step_m))
             places.append(a + (np.arange(1, parts + 1) / parts)[:, None] * (b - a))
         nearest = self._tree.query(np.concatenate(places))[1]
         cells: list[int] = self._usable[nearest].tolist()

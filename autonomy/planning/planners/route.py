@@ -45,7 +45,7 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     found = [problem.searched(draft, -(-rounds // len(drafts)), k) for k, draft in enumerate(drafts)]
     order = sorted(range(len(drafts)), key=lambda k: found[k].objective)
     best = order[0]
-    route = problem.route(drafts[best], found[best])
+    route = route_of(problem.lattice, drafts[best], found[best].chain)
     verify(problem.start_m, route, survey, request.home_m)
     return Plan(
         problem.start_m,
@@ -108,13 +108,6 @@ class _Problem:
         )
         found = search.run(rounds)
         return self._cut(draft) if found is None else found
-
-    def route(self, draft: Draft, found: Found) -> FloatArray:
-        """Corners of the whole route; without the first cell, if what follows it can be seen from the start."""
-        route = route_of(self.lattice, draft, found.chain)
-        if len(draft.head_m) == 2 and len(route) > 1 and self.survey.is_navigable(self.start_m)[0]:
-            return route[1:] if self.survey.leg_is_clear(self.start_m, route[1]) else route
-        return route
 
     def home_corners(self, draft: Draft) -> int:
         """How many of the route's last corners are the way home."""
