@@ -26,6 +26,7 @@ _CORE, _OPERATOR, _STRANGER = "core", "operator", "stranger"
 _LONGEST_STEP_S = 1.0
 _SHORTEST_STEP_S = 1e-3
 _START_S = 1000.0
+_MOST_CALLS = 1000
 _START_UTC_S = 1_700_000_000.0
 
 JobRunner = Callable[[str, Any, SurveyArea], Any]
@@ -96,11 +97,16 @@ class DiscreteRun:
                 if time <= self.now:
                     self._pending.remove((time, event))
                     self.happened(event)
-            if self.core.next_deadline() <= self.now:
-                self.happened(DeadlineReached())
-                if self.core.next_deadline() <= self.now:
-                    raise RuntimeError(f"at {self.now} the core asks for {self.core.next_deadline()} again")
+            self._call_when_due()
         return until()
+
+    def _call_when_due(self) -> None:
+        """Call the core, again as long as it wants to be: it learns in small portions what came during a job."""
+        for _ in range(_MOST_CALLS):
+            if self.core.next_deadline() > self.now:
+                return
+            self.happened(DeadlineReached())
+        raise RuntimeError(f"at {self.now} the core asks for {self.core.next_deadline()} again and again")
 
     def happened(self, event: Event) -> None:
         """Bring an event to the core, carry out what it asks, and bring it the answers."""
