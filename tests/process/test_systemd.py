@@ -80,6 +80,19 @@ def lay_out(folder: Path) -> None:
     (etc / "machine-id").write_text(uuid.uuid4().hex + "\n")
     shutil.copy(REPOSITORY / "systemd" / "halocline@.service", etc / "systemd/system")
     configure(etc / "halocline", f"udpin:{LINK}", [SHORE]).rename(etc / "halocline/boat1.yaml")
+    # A second vehicle, whose link is signed.
+    second = "halocline@boat2.service"
+    settings = {"name": "boat2"}, {"key_file": f"/run/credentials/{second}/signing"}
+    boat2 = configure(
+        etc / "halocline", "udpin:127.0.0.1:14560", vehicle=settings[0], mavlink={"signing": settings[1]}
+    )
+    boat2.rename(etc / "halocline/boat2.yaml")
+    secret = etc / "halocline/boat2.signing"
+    secret.touch(0o600)
+    secret.write_text("a passphrase that nobody has thought up\n")
+    credential = etc / "systemd/system" / f"{second}.d/credential.conf"
+    credential.parent.mkdir()
+    credential.write_text("[Service]\nLoadCredential=signing:/etc/halocline/boat2.signing\n")
     # A Python that is somewhere else than it was built for looks for its library there.
     drop_in = etc / "systemd/system/halocline@.service.d/python.conf"
     drop_in.parent.mkdir()
@@ -189,6 +202,7 @@ def test_the_unit_on_a_booted_systemd(machine: Machine) -> None:
     machine.run("systemctl", "stop", UNIT)
 
     assert_reaches_its_port(machine)
+    assert_has_its_secret(machine)
 
     # A wrong configuration is told once, not every two seconds.
     machine.run("sh", "-c", "echo 'vehicle: {name: 7, colour: red}' > /etc/halocline/boat1.yaml")
@@ -233,3 +247,13 @@ def assert_reaches_its_port(machine: Machine) -> None:
     ask = ("systemd-run", "--quiet", "--collect", "--pipe", "--wait", *confined)
     assert machine.run(*ask, "--property=SupplementaryGroups=dialout", "cat", "/run/port") == "port"
     assert machine.run(*ask, "cat", "/run/port", check=False) == ""
+
+
+def assert_has_its_secret(machine: Machine) -> None:
+    """A key that belongs to root and is nobody else's to read comes to the service through systemd."""
+    second = "halocline@boat2.service"
+    machine.run("systemctl", "start", second)
+    assert machine.run("systemctl", "is-active", second) == "active"
+    assert machine.run("stat", "-c", "%U %a", "/etc/halocline/boat2.signing") == "root 600"
+    machine.run("systemctl", "stop", second)
+    assert machine.run("systemctl", "show", second, "--property=Result") == "Result=success"
