@@ -6,6 +6,7 @@ that has no value at any time. A cell that lacks a value only at some times (clo
 time.
 """
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ from sim.netcdf_values import decode
 _SALINITY = ("salt", "salinity", "so", "sss", "SSS", "SALT")
 _TEMPERATURE = ("temp", "temperature", "thetao", "analysed_sst", "sst", "TEMP")
 _LARGEST_VALUES = 250_000_000
+_ALWAYS_READ = 10_000_000
+_DAMAGE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RuntimeError, OSError)
 
 
 def open_netcdf(path: Path, variable: str | None = None) -> GriddedField:
@@ -43,15 +46,35 @@ def open_netcdf(path: Path, variable: str | None = None) -> GriddedField:
         )
     try:
         dataset = netCDF4.Dataset(str(path))
-    except OSError as error:
-        raise FieldError(f"{path}: not a NetCDF file ({error})") from error
+    except (OSError, RuntimeError, ValueError) as error:
+        raise FieldError(f"{path}: not a NetCDF file, or a damaged one ({error})") from error
     with dataset:
         # Decoded here, not by the library: real files have fill values that their own type cannot hold.
         dataset.set_auto_maskandscale(False)
         try:
+            _check_size(dataset, path.stat().st_size)
             return _read(dataset, path, variable)
         except FieldError as error:
             raise FieldError(f"{path}: {error}") from error
+        except _DAMAGE as error:
+            # What the library gives of a damaged file may be anything: text that is none, lists for numbers …
+            raise FieldError(f"{path}: it is damaged ({type(error).__name__}: {error})") from error
+
+
+def _check_size(dataset: Any, file_bytes: int) -> None:
+    """A cut file claims more than it has, and a damaged one perhaps more than there is memory for.
+
+    Variables of a NetCDF 4 file may be compressed, by a thousand at most, or never have been written.
+    """
+    packing = 1 if dataset.data_model.startswith("NETCDF3") else 1100
+    counts = {name: math.prod(variable.shape) for name, variable in dataset.variables.items()}
+    claimed = sum(
+        count * getattr(dataset[name].dtype, "itemsize", 1)
+        for name, count in counts.items()
+        if packing == 1 or count > _ALWAYS_READ
+    )
+    if claimed > packing * file_bytes:
+        raise FieldError(f"its variables take {claimed} bytes, and it has {file_bytes}: it is cut or damaged")
 
 
 def _read(dataset: Any, path: Path, variable: str | None) -> GriddedField:

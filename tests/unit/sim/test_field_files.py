@@ -386,3 +386,33 @@ def test_an_unknown_dimension_and_unordered_times(tmp_path: Path) -> None:
 
     with pytest.raises(FieldError, match="not increasing"):
         open_field(write(tmp_path / "b.nc", backwards))
+
+
+def classic(path: Path, lat: Any = LAT) -> bytes:
+    with netCDF4.Dataset(path, "w", format="NETCDF3_CLASSIC") as dataset:
+        axes(dataset, lat)
+        dataset.createVariable("salinity", "f8", ("lat", "lon"))[:] = plane(lat[:, None], LON)
+    return path.read_bytes()
+
+
+def test_a_file_that_was_cut_is_told_to_be(tmp_path: Path) -> None:
+    """The library would fill what is missing with zeros."""
+    path = tmp_path / "a.nc"
+    content = classic(path, np.linspace(33.0, 33.4, 200))
+    path.write_bytes(content[: len(content) // 2])
+    with pytest.raises(FieldError, match=r"a\.nc: .*it is cut or damaged"):
+        open_field(path)
+
+
+def test_a_claim_of_more_values_than_there_is_memory_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.nc"
+    path.write_bytes(classic(path).replace(b"\0\0\0\x05", b"\x3f\xff\xff\xff", 1))
+    with pytest.raises(FieldError, match=r"a\.nc: "):
+        open_field(path)
+
+
+def test_a_name_that_is_no_text_is_told_as_damage(tmp_path: Path) -> None:
+    path = tmp_path / "a.nc"
+    path.write_bytes(classic(path).replace(b"salinity", b"sal\xf2nity"))
+    with pytest.raises(FieldError, match=r"a\.nc: not a NetCDF file, or a damaged one"):
+        open_field(path)
