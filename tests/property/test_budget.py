@@ -14,7 +14,7 @@ import shapely
 from autonomy.homeward import Homeward
 from sim.budget_trials import ACCEPTANCE_M, Mission, draw
 
-MISSIONS = int(os.environ.get("HALOCLINE_MISSIONS", "6"))
+MISSIONS = int(os.environ.get("HALOCLINE_MISSIONS", "3"))
 
 
 @pytest.mark.timeout(600 + 20 * MISSIONS)
@@ -35,7 +35,7 @@ def test_home_with_the_reserve_unspent_and_the_budget_used(block: int) -> None:
 
 
 def test_a_mission_is_the_same_to_the_last_bit() -> None:
-    one, other = (Mission(draw(1), 1).sail() for _ in range(2))
+    one, other = (Mission(draw(0), 0).sail() for _ in range(2))
     np.testing.assert_array_equal(one.track_m, other.track_m)
     np.testing.assert_array_equal(one.spent, other.spent)
 

@@ -34,7 +34,7 @@ def test_home_with_the_reserve_unspent(make_voyage, legs_over_land, seed):
     rng = np.random.default_rng(seed)
     current = UnsteadyCurrent.draw(tuple(rng.uniform(-1.5, 1.5, 2)), 0.05 * SPEED_MPS, rng)
     autopilot = boat(seed=seed, current=current)
-    battery, distance_m = autopilot.vessel.battery, rng.uniform(9e3, 2e4)
+    battery, distance_m = autopilot.vessel.battery, rng.uniform(7e3, 12e3)
     battery.noise, battery.rng, battery.propulsion_w_per_m3s3 = 0.15, rng, 120.0 / SPEED_MPS**3
     amounts = {
         "distance_m": distance_m,
