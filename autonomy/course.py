@@ -155,6 +155,9 @@ class Course:
                 self._reporter.log(Level.INFO, f"the next stretch: {len(rest.route_m)} corners are left")
                 self.offer(now, rest)
             return
+        rest = self._without_closed(rest)
+        if not len(rest.route_m):
+            return  # another plan is being made
         try:
             self.offer(now, self._seaway.joined(rest, self._helm.position_m))
         except Unreachable as error:
@@ -191,6 +194,12 @@ class Course:
             remainder_m=departure.remainder_m[stays],
             remainder_is_spot=np.asarray(departure.remainder_is_spot, dtype=bool)[stays],
         )
+
+    def _without_closed(self, rest: Plan) -> Plan:
+        """A plan without corners of the survey in water that has been closed since it was made."""
+        stays = self._seaway.water.is_navigable(rest.route_m)
+        stays[rest.survey_corners :] = True
+        return replace(rest, route_m=rest.route_m[stays], is_spot=np.asarray(rest.is_spot, dtype=bool)[stays])
 
     def _is_sailed(self, departure: Departure) -> bool:
         """Whether the vessel still sails what it sailed when the plan was begun."""
