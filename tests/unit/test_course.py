@@ -160,6 +160,28 @@ def test_land_between_the_boat_and_the_new_plan_is_rounded(sea):
     assert not way.crosses(ISLAND)
 
 
+def test_the_rest_of_the_plan_is_sailed_without_corners_that_have_been_closed(sea):
+    sea.sails_to(250.0, 300.0, 1)
+    seaway = sea.course._seaway
+    seaway.give_up(0.0, np.array([250.0, 300.0]), CORNERS[1])
+    seaway.refresh(1.0)
+    sea.course.watch(1.0)
+    (rest,) = sea.helm.offered
+    assert not (rest.route_m == CORNERS[1]).all(axis=1).any()
+    np.testing.assert_array_equal(rest.route_m[-2:], CORNERS[2:])
+    assert sea.log == ["land lies before the vessel: the mission goes round it"]
+
+
+def test_only_the_leg_home_may_leave_the_survey():
+    seaway = Sea().course._seaway
+    out = np.array([(300.0, 100.0), (300.0, -200.0)])
+    assert seaway.is_open(out, ends_home=True)
+    assert not seaway.is_open(out)
+    assert not seaway.is_open(np.vstack([out, out]), ends_home=True)
+    assert not seaway.is_open(np.array([(300.0, 500.0), (700.0, 500.0)]), ends_home=True)
+    assert seaway.is_open(out[1:], ends_home=True)
+
+
 def gain(
     before, after, trigger=Trigger.NOVELTY, minimum_gain=0.05, prepare=lambda sea: None
 ) -> tuple[bool, list[str]]:
