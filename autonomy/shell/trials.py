@@ -98,7 +98,9 @@ class Trials:
         before, self._suspect = self._suspect, self.mark.found
         if self._suspect is not None and self._suspect == before:
             place = (before.sequence, before.run)
-            log.error("the service ended twice in the midst of record %d of run %d: it is quarantined", *place)
+            log.error(
+                "the service ended twice in the midst of record %d of run %d: it is quarantined", *place
+            )
             self.crashed(before)
         elif self._suspect != before:
             self._write()
