@@ -12,8 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import shapely
 from pydantic import ValidationError
+from shapely.geometry import MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from autonomy import jobs, structure
 from autonomy.config import Configuration
@@ -165,13 +168,25 @@ def read_survey_area(header: dict[str, Any]) -> SurveyArea:
     """The survey area of a run. Raises JournalError if the header has none that is whole."""
     try:
         survey = header["survey"]
-        shapes = {name: shapely.from_wkb(survey[name]) for name in SHAPES}
+        shapes = {name: _shape(name, survey[name]) for name in SHAPES}
         frame = LocalFrame(float(survey["origin_lat_deg"]), float(survey["origin_lon_deg"]))
         return SurveyArea(
-            frame, standoff_m=survey["standoff_m"], passage_cells=survey["passage_cells"], **shapes
+            frame,
+            standoff_m=float(survey["standoff_m"]),
+            passage_cells=int(survey["passage_cells"]),
+            **shapes,
         )
-    except (KeyError, TypeError, ValueError, shapely.errors.ShapelyError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, shapely.errors.ShapelyError) as error:
         raise JournalError(f"its survey area can't be read: {error}") from None
+
+
+def _shape(name: str, wkb: bytes) -> BaseGeometry:
+    """One part of the survey area. Raises ValueError, ShapelyError or TypeError if it is none."""
+    with np.errstate(invalid="ignore"):
+        shape = shapely.from_wkb(wkb)
+    if not isinstance(shape, Polygon | MultiPolygon) or not np.isfinite(shapely.get_coordinates(shape)).all():
+        raise ValueError(f"{name} is no polygon")
+    return shape
 
 
 def _chain(

@@ -7,6 +7,7 @@ written as what it would be pickled as (dataclasses: their fields), so what foll
 import dataclasses
 import hashlib
 import math
+import re
 from collections.abc import Mapping
 from enum import Enum
 from typing import Any, Literal, get_args
@@ -35,6 +36,7 @@ _DEPTH = 40
 # Of these an enumeration's member is only ever written.
 _TUPLE, _ARRAY, _SCALAR, _OBJECT, _MAP, _ENUM = range(70_000, 70_006)
 _KINDS = frozenset("biuf")
+_DTYPE = re.compile(r"[<>|=]?[a-zA-Z]\d{1,2}")
 
 READABLE: dict[str, type] = {
     each.__name__: each
@@ -234,7 +236,8 @@ def _value(tree: Any) -> Any:
 
 
 def _dtype(name: Any) -> np.dtype[Any]:
-    if not isinstance(name, str) or len(name) > 4:
+    # Of anything else NumPy makes sense in its own way, or Python's: it parses what looks like a list of types.
+    if not isinstance(name, str) or not _DTYPE.fullmatch(name):
         raise StructureError("no type of numbers")
     dtype = np.dtype(name)
     if dtype.kind not in _KINDS:
