@@ -26,6 +26,9 @@ from sim.vessel import Battery, UnsteadyCurrent
 STEP = 0.03
 """Of the side of a square as large as the water: what is sailed between two looks at the budget."""
 
+LONGEST_STEP_S = 30.0
+"""And at most so long: nothing is learnt across gaps."""
+
 PLANNING_S = 3.0
 ACCEPTANCE_M = 10.0
 LONGEST_STEPS = 100_000
@@ -174,7 +177,8 @@ class Mission:
         self._plan: Plan | None = None
         self._next = 0
         self._spent = self.outcome.spent
-        self._step_s = STEP * math.sqrt(conditions.survey.water.area) / conditions.speed_mps
+        step_m = STEP * math.sqrt(conditions.survey.water.area)
+        self._step_s = min(LONGEST_STEP_S, step_m / conditions.speed_mps)
 
     def sail(self) -> Outcome:
         """Sail until home, or until nothing is left at all."""
