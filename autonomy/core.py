@@ -92,7 +92,7 @@ class Core:
         self._gate = SampleGate(survey, configuration)
         self._learner = _learner(configuration, survey)
         self._repairs_told = 0
-        self._exploration = Exploration(configuration.exploration, configuration.planning.planner)
+        self._exploration = Exploration(configuration.exploration)
         self._reporter = Reporter(configuration, survey, self._helm.telemetry, self._learner)
         self._course = Course(configuration, self._helm, self._seaway, self._reporter)
         self._homeward = Homeward(configuration, survey)
@@ -473,7 +473,7 @@ class Core:
         return self._exploration.decide(self._figures()) or self._owed
 
     def _figures(self) -> Figures:
-        learner = self._learner
+        learner, active = self._learner, self._helm.dispatch.active
         return Figures(
             model_time_s=self._helm.model_time_s,
             basis_size=len(learner.gp) if learner.born else 0,
@@ -484,6 +484,7 @@ class Core:
             cells=len(learner.history),
             spread=learner.history.variance / learner.gp.kernel.signal_variance if learner.born else 0.0,
             sailed_share=self._course.sailed_share,
+            planner="" if active is None else active.plan.planner,
         )
 
     def _start(self, now: float, decision: Decision) -> None:
@@ -509,7 +510,7 @@ class Core:
             remainder_m=departure.remainder_m,
             remainder_is_spot=departure.remainder_is_spot,
             measured=self._learner.history.cells() if len(self._learner.history) else None,
-            roughness=self._learner.roughness.frozen() if len(self._learner.roughness) else None,
+            roughness=self._learner.roughness.frozen(),
             sample_spacing_m=configuration.sampling.spacing_m,
             speed_mps=self._helm.pace_mps,
             budget_m=budget_m,

@@ -44,6 +44,7 @@ class Figures:
         cells: number of cells of the history.
         spread: variance of all readings as a multiple of the model's signal variance.
         sailed_share: what was sailed since the last plan was begun, of the longest plan so far.
+        planner: which one made the plan being sailed; empty if there is none.
     """
 
     model_time_s: float
@@ -55,6 +56,7 @@ class Figures:
     cells: int
     spread: float
     sailed_share: float = 0.0
+    planner: str = ""
 
 
 @dataclass(frozen=True)
@@ -69,10 +71,8 @@ class Decision:
 class Exploration:
     """The stopping rule of one path: rho, the finished path and the maximum interval."""
 
-    def __init__(self, section: ExplorationSection, planner: str = "paper") -> None:
+    def __init__(self, section: ExplorationSection) -> None:
         self._section = section
-        usual_share = _REPLAN_SHARES.get(planner, 1.0)
-        self._replan_share = usual_share if section.replan_share is None else section.replan_share
         self._last_reestimate_s: float | None = None
         self._last_cells = 0
 
@@ -103,7 +103,7 @@ class Exploration:
         if self._is_outgrown(figures):
             reason = f"the readings vary {figures.spread:.0f} times more than the model allows"
             return Decision(Trigger.OUTGROWN, True, reason)
-        if figures.sailed_share > self._replan_share:
+        if figures.sailed_share > self._replan_share(figures.planner):
             return Decision(
                 Trigger.SAILED, False, f"{figures.sailed_share:.0%} of a path sailed".replace("%", " %")
             )
@@ -128,6 +128,10 @@ class Exploration:
         if ratio is None or figures.cells < max(MINIMUM_POINTS, 2 * self._last_cells):
             return False
         return figures.spread > ratio
+
+    def _replan_share(self, planner: str) -> float:
+        configured = self._section.replan_share
+        return _REPLAN_SHARES.get(planner, 1.0) if configured is None else configured
 
     def _since(self, figures: Figures) -> float:
         if self._last_reestimate_s is None:

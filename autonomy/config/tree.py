@@ -563,11 +563,11 @@ class ExplorationSection(Section):
 class PlanningSection(Section):
     """The planner."""
 
-    planner: Literal["paper", "spots", "route", "patrol", "lawnmower"] = Field(
-        default="paper",
-        description="how the next path is found: spots and a tour as in the paper; better spots, those not yet "
-        "visited kept; a whole route for what may be sailed; rounds for ever over a field that moves; lanes back and "
-        "forth",
+    planner: Literal["auto", "paper", "spots", "route", "patrol", "lawnmower"] = Field(
+        default="auto",
+        description="how the next path is found: route within a budget, and else spots, or patrol where the field "
+        "moves; spots and a tour as in the paper; better spots, those not yet visited kept; a whole route for what "
+        "may be sailed; rounds for ever over a field that moves; lanes back and forth",
     )
     lattice: Annotated[tuple[LatticeSide, LatticeSide], Field(strict=False)] = Field(
         default=(12, 12),

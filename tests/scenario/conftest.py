@@ -62,7 +62,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "model": {"capacity": 40, "centring_samples": 8, "history_cells": 400},
     "estimation": {"maximum_points": 80, "iterations": 30},
     "exploration": {"minimum_basis": 24, "maximum_interval_s": None, "outgrown_ratio": None},
-    "planning": {"lattice": (6, 5), "spots": 6},
+    "planning": {"planner": "paper", "lattice": (6, 5), "spots": 6},
     "shore": {"model_period_s": 20.0, "health_period_s": 5.0},
 }
 

@@ -41,9 +41,9 @@ def some_figures():
     ],
 )
 def test_a_share_of_the_path_sailed_asks_for_another_plan_where_that_pays(planner, section, share):
-    decider = Exploration(ExplorationSection(maximum_interval_s=None, **section), planner)
+    decider = Exploration(ExplorationSection(maximum_interval_s=None, **section))
     for sailed_share in (0.0, 0.1, 0.142, 0.15, 0.49, 0.51, 0.99, 1.0):
-        decision = decider.decide(dataclasses.replace(figures(), sailed_share=sailed_share))
+        decision = decider.decide(dataclasses.replace(figures(), sailed_share=sailed_share, planner=planner))
         if share is None or sailed_share <= share:
             assert decision is None
         else:

@@ -12,20 +12,28 @@ from autonomy.planning.planners import lawnmower, paper, patrol, route, spots
 from autonomy.planning.request import PlanRequest
 from autonomy.planning.survey import ROUND_OFF_M, SurveyArea
 
-__all__ = ["PLANNERS", "PlanRequest", "PlanningError", "make_plan"]
+__all__ = ["AUTO", "PLANNERS", "PlanRequest", "PlanningError", "make_plan"]
 
 PLANNERS: dict[str, Callable[[PlanRequest, SurveyArea], Plan]] = {
     planner.NAME: planner.plan for planner in (paper, spots, route, patrol, lawnmower)
 }
 
+AUTO = "auto"
+"""The name that leaves the choice to what is asked."""
+
 
 def make_plan(name: str, request: PlanRequest, survey: SurveyArea) -> Plan:
     """The plan of the planner called `name`, and with it what it came from and promises: see `Plan`.
+
+    `AUTO` is a whole route within a budget. Where no end is set it is rounds for ever if the field moves, and spots if
+    it does not: a route would leave water that it has not come to yet unknown for as long as it likes.
 
     Raises:
         KeyError: there is no such planner.
         PlanningError: it finds no plan.
     """
+    if name == AUTO:
+        name = _chosen_for(request)
     plan = PLANNERS[name](request, survey)
     rmse = None if request.model_version is None else along_route(plan, request, survey).rmse
     return replace(
@@ -35,6 +43,12 @@ def make_plan(name: str, request: PlanRequest, survey: SurveyArea) -> Plan:
         expected_rmse=rmse,
         home_corners=max(plan.home_corners, int(_ends_home(plan, request))),
     )
+
+
+def _chosen_for(request: PlanRequest) -> str:
+    if request.budget_m is not None:
+        return route.NAME
+    return spots.NAME if request.model.kernel.is_static else patrol.NAME
 
 
 def _ends_home(plan: Plan, request: PlanRequest) -> bool:
