@@ -9,12 +9,13 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
-.PHONY: help setup demo test accuracy soak-learning soak-authority soak-restarts soak-decoders soak-month systemd-test lint bench clean
+.PHONY: help setup demo test accuracy routes soak-learning soak-authority soak-restarts soak-decoders soak-month systemd-test lint bench clean
 
 help:
 	@echo "make demo            a simulated vessel learns a patch of coast: three processes, about two minutes, one picture"
 	@echo "make test            the test suite"
 	@echo "make accuracy        the learner against exact processes, scikit-learn and moving seas, on many fields: an hour"
+	@echo "make routes          planners against lawnmowers and shortest ways, on many coasts, and budgets at sea: an hour"
 	@echo "make soak-learning   a million readings on one track: an hour"
 	@echo "make soak-authority  a thousand surveys that operator and autopilot meddle with: ten minutes"
 	@echo "make soak-restarts   two hundred times kill -9, twenty power cuts, an hour replayed: forty minutes"
@@ -45,6 +46,12 @@ accuracy: $(READY)
 	HALOCLINE_SEEDS=10 $(ACCURACY) tests/accuracy/test_rebuild.py
 	HALOCLINE_SEEDS=4 $(ACCURACY) tests/accuracy/test_moving.py
 	HALOCLINE_ACCURACY=long $(ACCURACY) tests/accuracy/test_static_fields.py tests/accuracy/test_coverage.py
+
+routes: $(READY)
+	HALOCLINE_ACCURACY=long $(ACCURACY) tests/accuracy/test_route.py tests/accuracy/test_passage.py
+	HALOCLINE_SEEDS=3 $(ACCURACY) tests/accuracy/test_patrol.py
+	HALOCLINE_MISSIONS=500 $(ACCURACY) tests/property/test_budget.py
+	HALOCLINE_VOYAGES=8 $(ACCURACY) tests/scenario/test_budget.py
 
 soak-learning: $(READY)
 	HALOCLINE_SOAK_UPDATES=1000000 $(BIN)/python -m pytest -q -s --timeout=14400 tests/unit/learning/test_learning_soak.py
