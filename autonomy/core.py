@@ -147,7 +147,12 @@ class Core:
             return math.inf
         if self._learner.behind:
             return self._now - self._ahead_s
-        return min(self._helm.next_deadline(), self._reporter.next_deadline()) - self._ahead_s
+        due = min(self._helm.next_deadline(), self._reporter.next_deadline())
+        called = due - self._ahead_s
+        while called + self._ahead_s < due:
+            # Rounded down it would be too early by the core's own time, and nothing would be done.
+            called = math.nextafter(called, math.inf)
+        return called
 
     @property
     def milestones(self) -> int:
