@@ -241,7 +241,8 @@ def rebooted(run: Month) -> Iterator[None]:
 
 
 def taken_by_the_operator(run: Month) -> Iterator[None]:
-    run.select(Mode(run.rng.choice([Mode.HOLD, Mode.MANUAL, Mode.LOITER, Mode.RTL])))
+    # Not RTL: it is a straight line, and the island lies across it.
+    run.select(Mode(run.rng.choice([Mode.HOLD, Mode.MANUAL, Mode.LOITER])))
     yield
 
 
@@ -264,6 +265,8 @@ def stopped_by_a_fence(run: Month) -> Iterator[None]:
     yield
     run.autopilot.store.fence = []
     run.autopilot.parameters.set("FENCE_ENABLE", 0.0)
+    # Whoever has read the fence meanwhile, after a reboot or a restart, hears that it is gone.
+    run.autopilot._announce(run.autopilot.parameters.message("FENCE_ENABLE"))
 
 
 def jobs_fail(run: Month) -> Iterator[None]:
