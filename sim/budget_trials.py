@@ -19,7 +19,7 @@ from autonomy.homeward import Homeward, Sailing
 from autonomy.learning.learner import Learner
 from autonomy.planning.passage import Unreachable
 from autonomy.planning.plan import Plan
-from autonomy.planning.planners import PlanningError, PlanRequest, lawnmower, paper
+from autonomy.planning.planners import PLANNERS, PlanningError, PlanRequest
 from autonomy.planning.survey import SurveyArea
 from sim.vessel import Battery, UnsteadyCurrent
 
@@ -34,7 +34,6 @@ ACCEPTANCE_M = 10.0
 LONGEST_STEPS = 100_000
 
 _FRAME = LocalFrame(36.6, -122.0)
-_PLANNERS = {paper.NAME: paper.plan, lawnmower.NAME: lawnmower.plan}
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +131,7 @@ def draw(seed: int, **changes: Any) -> Conditions:
     corners = [tuple(_FRAME.to_geodetic(corner).tolist()) for corner in ((0, 0), (1e3, 0), (1e3, 1e3))]
     configuration = Configuration.model_validate({"survey": {"area": corners}, "budget": budget})
     tells = str(rng.choice(["energy", "charge", "share"]))
-    planner = str(rng.choice(list(_PLANNERS)))
+    planner = str(rng.choice(list(PLANNERS)))
     return Conditions(survey, configuration, home_m, speed_mps, current, battery, tells, planner)
 
 
@@ -242,7 +241,7 @@ class Mission:
             speed_mps=self._with.speed_mps,
         )
         try:
-            plan = _PLANNERS[self._with.planner](request, water)
+            plan = PLANNERS[self._with.planner](request, water)
             self._follow(self._homeward.fitted(plan, self._here_m, water))
         except (PlanningError, Unreachable):
             self._homeward.give_up()

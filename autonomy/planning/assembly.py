@@ -79,7 +79,7 @@ def affordable(
     Where it is cut it ends in a spot.
 
     Raises:
-        PlanningError: the way home alone is longer than the budget.
+        PlanningError: the way home alone is longer than the budget, or nothing is left for any other.
         Unreachable: there is no way home.
     """
     start, budget = start_of(request), request.budget_m
@@ -99,6 +99,9 @@ def affordable(
         middle = 0.5 * (low + high)
         fits = middle + way_home_m(request, advance_along(whole, middle), passage) <= usable
         low, high = (middle, high) if fits else (low, middle)
+    if low <= _ROUND_OFF_M:
+        beside = "" if request.home_m is None else f" beside the way home, {home:.1f} m"
+        raise PlanningError(f"{budget:.1f} m are too short to get anywhere{beside}")
     sailed = np.cumsum(np.hypot(*np.diff(whole, axis=0).T))
     kept = np.count_nonzero(sailed < low)
     cut = np.concatenate([route_m[:kept], advance_along(whole, low)[None]])

@@ -125,6 +125,8 @@ class Passage:
         connected &= self._basin[cells[first]] == self._basin[cells[second]]
         first, second = first[connected], second[connected]
         straight = self._survey.legs_are_clear(points[first], points[second])
+        # Even outside navigable water there is nothing to sail between equal points.
+        straight |= np.all(points[first] == points[second], axis=1)
         distances = np.full((len(points), len(points)), np.inf)
         np.fill_diagonal(distances, 0.0)
         i, j = first[straight], second[straight]

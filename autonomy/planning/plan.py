@@ -1,11 +1,15 @@
 """A plan: where to go next, and why."""
 
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autonomy.geometry import FloatArray, path_length_m
+
+NO_SPOTS = nan
+"""The mutual information of the spots of a plan that has none."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,12 +45,17 @@ class Draft:
         """Length of head and tail."""
         return path_length_m(self.head_m) + path_length_m(self.tail_m)
 
+    @property
+    def home_corners(self) -> int:
+        """How many of the route's last corners are the way home."""
+        return int(np.any(np.diff(self.tail_m, axis=0) != 0.0, axis=1).sum())
+
 
 class Drafting:
     """Makes drafts for one start, budget and home.
 
     Raises:
-        PlanningError: no cell can be reached from the start or from home, or home not within the budget.
+        PlanningError: no cell can be reached from the start.
     """
 
     def __init__(
@@ -79,10 +84,11 @@ class Drafting:
         self._tree = cKDTree(lattice.points_m[self._usable])
         self._home = None if home_m is None else self._way_in(home_m, home_m)
 
-    def along(self, name: str, corners_m: FloatArray) -> Draft:
+    def along(self, name: str, corners_m: FloatArray) -> Draft | None:
         """A draft that follows a polyline (k, 2) from the start, which is not among its corners.
 
-        It may be longer than the budget by a tenth; what is beyond is cut off.
+        It may be longer than the budget by a tenth; what is beyond is cut off. None if the budget is too short to get
+        to a cell, and home.
         """
         lattice, way = self._lattice, np.concatenate([self._start_m[None], corners_m])
         first_m = float(np.hypot(*(way[1] - way[0])))
@@ -99,21 +105,22 @@ class Drafting:
         found = lawnmowers(
             self._survey, self._start_m, self._budget_m, home_m=self._home_m, nearest_corner=True
         )
-        return [
+        drafts = [
             self.along(f"lawnmower along {np.degrees(sweep.heading_rad):.0f} degrees", sweep.route_m)
             for sweep in found
         ]
+        return [draft for draft in drafts if draft is not None]
 
-    def direct(self) -> Draft:
+    def direct(self) -> Draft | None:
         """Where nothing else fits: into the lattice, and home if need be."""
         return self.along("direct", self._start_m[None])
 
-    def fitted(self, draft: Draft, share: float = 1.0) -> Draft:
-        """The longest beginning of the draft's chain from which home remains within `share` × budget.
+    def way_in(self) -> FloatArray:
+        """The way from the start to a cell near it, both included, shape (k, 2)."""
+        return self._way_in(self._start_m, self._start_m)[0]
 
-        Raises:
-            PlanningError: there is none.
-        """
+    def fitted(self, draft: Draft, share: float = 1.0) -> Draft | None:
+        """The longest beginning of the draft's chain from which home remains within `share` × budget; None: none."""
         lattice, room_m = self._lattice, share * self._budget_m - draft.fixed_m
         chain = np.array(draft.chain)
         lengths = lattice.leg_length_m[lattice.leg_number[chain[:-1], chain[1:]]]
@@ -124,10 +131,10 @@ class Drafting:
             home_cell = self._home[1]
             fits = np.flatnonzero(sailed_m + lattice.distances_m(home_cell)[chain] <= room_m * (1.0 + 1e-12))
         if not len(fits):
-            where = "to get anywhere" if self._home is None else "to get home"
-            raise PlanningError(f"a budget of {self._budget_m:.0f} m is too short {where}")
+            return None
         kept = list(draft.chain[: int(fits[-1]) + 1])
-        if self._home is not None and kept[-1] != self._home[1]:
+        # A round has two ends, even if they are the same cell.
+        if self._home is not None and (kept[-1] != self._home[1] or len(kept) == 1):
             kept += lattice.path(kept[-1], self._home[1])[1:]
         return Draft(draft.name, draft.head_m, tuple(kept), draft.tail_m)
 
@@ -160,5 +167,7 @@ class Drafting:
 
 
 def route_of(lattice: WaterLattice, draft: Draft, chain: Sequence[int]) -> FloatArray:
-    """Corners of head, chain and tail, the start excluded, shape (k, 2)."""
-    return np.concatenate([draft.head_m[1:], lattice.corners(chain)[1:], draft.tail_m[1:]])
+    """Corners of head, chain and tail, the start excluded, shape (k, 2); no two that follow each other are equal."""
+    route = np.concatenate([draft.head_m[1:], lattice.corners(chain)[1:], draft.tail_m[1:]])
+    moves = np.any(np.diff(route, axis=0, prepend=draft.head_m[:1]) != 0.0, axis=1)
+    return np.asarray(route[moves])

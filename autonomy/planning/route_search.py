@@ -179,7 +179,8 @@ class RouteSearch:
             self._objective.add(unique[changed], total[changed])
         first, last = int(move.first[0]), int(move.last[0])
         chain, kind = self._chain, int(move.kind[0])
-        if kind == _DELETE and last < len(chain) and chain[first] == chain[last]:
+        is_whole = self._is_closed and first == 0 and last == len(chain) - 1
+        if kind == _DELETE and last < len(chain) and chain[first] == chain[last] and not is_whole:
             last += 1  # the cell taken out was a spur's end
         turned = chain[first + 1 : last][::-1]
         middle = {_DELETE: chain[:0], _TURN: turned}.get(kind, move.cell)

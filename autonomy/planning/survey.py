@@ -148,10 +148,10 @@ class SurveyArea:
         return bool(shapely.intersects_xy(self.water, x, y))
 
     def is_navigable(self, points_m: ArrayLike) -> NDArray[np.bool_]:
-        """Which points, shape (n, 2), lie where the vessel may be sent; shape (n,)."""
+        """Which points, shape (n, 2), lie where the vessel may be sent, to within `ROUND_OFF_M`; shape (n,)."""
         points = np.asarray(points_m, dtype=float).reshape(-1, 2)
-        shapely.prepare(self.navigable)
-        inside: NDArray[np.bool_] = shapely.intersects_xy(self.navigable, points[:, 0], points[:, 1])
+        shapely.prepare(self._tolerant)
+        inside: NDArray[np.bool_] = shapely.intersects_xy(self._tolerant, points[:, 0], points[:, 1])
         return inside
 
     def leg_is_clear(self, a: ArrayLike, b: ArrayLike) -> bool:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from autonomy.geometry import FloatArray, path_length_m
 from autonomy.planning.detours import Detours
+from autonomy.planning.errors import PlanningError
 from autonomy.planning.passage import Passage, passage_of
 from autonomy.planning.raster import BoolArray
 from autonomy.planning.survey import SurveyArea
@@ -26,9 +27,18 @@ _SHORTEST = 0.5
 """Of the spacing: shorter pieces of a lane are left out, its neighbours see what is there."""
 
 _BISECTIONS = 6
-_CORRECTIONS = 3
+_CORRECTIONS = 4
 _USED = 0.98
 """Of the length; a sweep that uses so much is good enough."""
+
+_FINE = 1.03
+"""Of the length; a fine length is at most by so much too long, or the true one is not asked for."""
+
+_SPENT = 0.93
+"""Of the length; if lanes cannot go out so far, one or two more are tried, whose ends stay further in."""
+
+_INSET, _DEEPEST = 0.5, 1.0
+"""Of the spacing: by how much lanes end before the water does while their number is looked for, and at most."""
 
 _TRIED_BEYOND = 2
 """Round islands one lane more is not always longer; nor are all corners equally far."""
@@ -106,13 +116,22 @@ def sweeps(
     headings_rad: Sequence[float] | None = None,
     nearest_corner: bool = False,
 ) -> list[Sweep]:
-    """Sweeps whose lanes are at most `spacing_m` apart, one for each heading and corner; else as `lawnmowers`."""
+    """Sweeps whose lanes are at most `spacing_m` apart, one for each heading and corner; else as `lawnmowers`.
+
+    Raises:
+        PlanningError: no navigable water can be reached from the start, or none is wide enough for a lane.
+    """
     water = _Water(survey, np.asarray(start_m, dtype=float).reshape(2), None)
     found = []
     for heading in headings(survey) if headings_rad is None else headings_rad:
         lanes = _Lanes(water, heading)
         count = max(1, min(_LARGEST_LANES, int(np.ceil(lanes.width_m / spacing_m - 1e-9))))
         corners = [lanes.nearest_corner()] if nearest_corner else CORNERS
+        while not any(len(spans) for spans in lanes.pieces(count)):
+            # All lanes lie over land, or next to it; closer ones do not all.
+            if count > _LARGEST_LANES:
+                raise PlanningError(f"no lane of {count} fits into the water, {lanes.width_m:.0f} m wide")
+            count *= 2
         found += [_sailed(lanes, lanes.track(count, 0.0, corner)) for corner in corners]
     return found
 
@@ -209,9 +228,12 @@ class _Lanes:
     def _legs(self, count: int, inset_m: float) -> tuple[FloatArray, list[int], list[int]]:
         """Shortened pieces in local metres (n, 2, 2), lane by lane, and the lane and the cell of each."""
         pieces, levels = self.pieces(count), self._levels(count)
+        # A quarter of a piece at either end; more only where lanes end further in than they should.
+        beyond = max(0.0, inset_m * count / self.width_m - _INSET)
+        most = 0.25 + 0.4 * min(beyond, _DEEPEST - _INSET)
         legs, lanes, cells = [], [], []
         for k, (spans, cell) in enumerate(zip(pieces, _cells(pieces), strict=True)):
-            short = np.minimum(inset_m, 0.25 * (spans[:, 1] - spans[:, 0]))
+            short = np.minimum(inset_m, most * (spans[:, 1] - spans[:, 0]))
             u = np.stack([spans[:, 0] + short, spans[:, 1] - short], axis=-1)
             legs += [np.stack([ends, [levels[k]] * 2], axis=-1) @ self._turn.T for ends in u]
             lanes += [k] * len(u)
@@ -322,58 +344,68 @@ def _fitted(lanes: _Lanes, length_m: float, corners: Sequence[tuple[int, int]]) 
 
 def _fitted_from(lanes: _Lanes, length_m: float, most: int, corner: tuple[int, int]) -> Sweep | None:
     """What is searched with coarse lengths is corrected by fine ones, and these by the true one."""
-    best, coarse_m = None, length_m
+    best: Sweep | None = None
+    coarse_m = length_m
     for _ in range(_CORRECTIONS):
         track = _densest(lanes, corner, coarse_m, most)
         if track is None:
             break
-        fine_m = lanes.length(track.legs, fine=True)
-        if fine_m <= length_m and (best is None or _denser(track, best)):
-            best = track
-        if _USED * length_m <= fine_m <= length_m:
+        whole_m = lanes.length(track.legs, fine=True)
+        if whole_m <= _FINE * length_m:
+            sweep = _sailed(lanes, track)
+            whole_m = sweep.length_m + _way_home_m(lanes.water, sweep)
+            if whole_m <= length_m and (best is None or _denser(sweep, best)):
+                best = sweep
+        if _USED * length_m <= whole_m <= length_m:
             break
-        coarse_m = track.rough_m * 0.999 * length_m / fine_m
-    if best is None:
-        return None
-    sweep = _sailed(lanes, best)
-    return sweep if sweep.length_m + _way_home_m(lanes.water, sweep) <= length_m else None
+        coarse_m = track.rough_m * 0.999 * length_m / whole_m
+    return best
 
 
-def _denser(track: _Track, other: _Track) -> bool:
-    return (track.spacing_m, track.inset_m) < (other.spacing_m, other.inset_m)
+def _denser(sweep: Sweep, other: Sweep) -> bool:
+    return (sweep.spacing_m, sweep.inset_m) < (other.spacing_m, other.inset_m)
 
 
 def _densest(lanes: _Lanes, corner: tuple[int, int], rough_m: float, most: int) -> _Track | None:
     """The most lanes, up to a few more than `most`, that fit if they end half a spacing before the water does."""
+    fitting = None
     for count in range(most + _TRIED_BEYOND, 0, -1):
-        if _shortest(lanes, count, corner).rough_m <= rough_m:
-            return _outwards(lanes, count, corner, rough_m)
-    return None
+        if _shortest(lanes, count, corner, _INSET).rough_m <= rough_m:
+            fitting = _outwards(lanes, count, corner, rough_m, _INSET)
+            break
+    if fitting is not None and fitting.rough_m >= _SPENT * rough_m:
+        return fitting
+    fewest = 1 if fitting is None else round(lanes.width_m / fitting.spacing_m) + 1
+    for count in range(fewest, fewest + _TRIED_BEYOND):
+        if _shortest(lanes, count, corner, _DEEPEST).rough_m <= rough_m:
+            return _outwards(lanes, count, corner, rough_m, _DEEPEST)
+    return fitting
 
 
 def _most_lanes(lanes: _Lanes, length_m: float) -> int:
     """About how many lanes fit: found by bisection, from the first corner."""
     low, high = 0, 2
-    while high < _LARGEST_LANES and _shortest(lanes, high, CORNERS[0]).rough_m <= length_m:
+    while high < _LARGEST_LANES and _shortest(lanes, high, CORNERS[0], _INSET).rough_m <= length_m:
         low, high = high, 2 * high
     while high - low > 1:
         middle = (low + high) // 2
-        fits = _shortest(lanes, middle, CORNERS[0]).rough_m <= length_m
+        fits = _shortest(lanes, middle, CORNERS[0], _INSET).rough_m <= length_m
         low, high = (middle, high) if fits else (low, middle)
     return low
 
 
-def _shortest(lanes: _Lanes, count: int, corner: tuple[int, int]) -> _Track:
-    return lanes.track(count, 0.5 * lanes.width_m / count, corner)
+def _shortest(lanes: _Lanes, count: int, corner: tuple[int, int], share: float) -> _Track:
+    """Lanes that end by a share of the spacing before the water does."""
+    return lanes.track(count, share * lanes.width_m / count, corner)
 
 
-def _outwards(lanes: _Lanes, count: int, corner: tuple[int, int], length_m: float) -> _Track:
-    """Lanes with the smallest inset at which they fit, given that they do with half a spacing."""
-    low, high = 0.0, 0.5 * lanes.width_m / count
+def _outwards(lanes: _Lanes, count: int, corner: tuple[int, int], length_m: float, share: float) -> _Track:
+    """Lanes with the smallest inset at which they fit, given that they do with this share of the spacing."""
+    low, high = 0.0, share * lanes.width_m / count
     fitting = lanes.track(count, low, corner)
     if fitting.rough_m <= length_m:
         return fitting
-    fitting = _shortest(lanes, count, corner)
+    fitting = _shortest(lanes, count, corner, share)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         track = lanes.track(count, middle, corner)

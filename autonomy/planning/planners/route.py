@@ -4,8 +4,9 @@ import numpy as np
 
 from autonomy.geometry import FloatArray
 from autonomy.learning.roughness import local_roughness
-from autonomy.planning.assembly import start_of, verify
-from autonomy.planning.plan import Plan
+from autonomy.planning.assembly import affordable, start_of, verify
+from autonomy.planning.passage import passage_of
+from autonomy.planning.plan import NO_SPOTS, Plan
 from autonomy.planning.request import PlanRequest
 from autonomy.planning.route_candidates import Draft, Drafting, route_of
 from autonomy.planning.route_search import Found, RouteSearch
@@ -36,28 +37,30 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     none; the best of what comes of them is taken.
 
     Raises:
-        PlanningError: no water can be reached, the budget is too short to go anywhere (or home), or a leg of the
-            finished route is not over navigable water.
+        PlanningError: no water can be reached, the way home is longer than the budget or nothing is left beside it, or
+            a leg of the finished route is not over navigable water.
     """
     problem = _Problem(request, survey)
     drafts = problem.drafts()
     rounds = problem.rounds()
-    found = [problem.searched(draft, -(-rounds // len(drafts)), k) for k, draft in enumerate(drafts)]
-    order = sorted(range(len(drafts)), key=lambda k: found[k].objective)
-    best = order[0]
-    route = route_of(problem.lattice, drafts[best], found[best].chain)
+    searched = [problem.searched(draft, -(-rounds // len(drafts)), k) for k, draft in enumerate(drafts)]
+    found = [(draft, one) for draft, one in zip(drafts, searched, strict=True) if one is not None]
+    found.sort(key=lambda pair: pair[1].objective)
+    route = route_of(problem.lattice, found[0][0], found[0][1].chain) if found else problem.start_m[:0]
+    if not len(route):
+        return problem.short_plan()
     verify(problem.start_m, route, survey, request.home_m)
     return Plan(
         problem.start_m,
         route,
         np.zeros(len(route), dtype=bool),
-        0.0,
+        NO_SPOTS,
         NAME,
         request.reason,
         objective_before=problem.before,
-        objective_after=found[best].objective,
-        home_corners=problem.home_corners(drafts[best]),
-        rejected=tuple((drafts[k].name, found[k].objective) for k in order[1:]),
+        objective_after=found[0][1].objective,
+        home_corners=found[0][0].home_corners,
+        rejected=tuple((draft.name, one.objective) for draft, one in found[1:]),
     )
 
 
@@ -86,46 +89,77 @@ class _Problem:
         return min(max(wanted, _FEWEST_ROUNDS), _MOST_ROUNDS)
 
     def drafts(self) -> list[Draft]:
-        """Where searches begin; at least one."""
+        """Where searches begin; none if the budget is too short for any cell."""
         remainder = np.asarray(self.request.remainder_m, dtype=float).reshape(-1, 2)
-        if len(remainder):
-            return [self.drafting.along("remainder", remainder)]
-        return self.drafting.sweeps() or [self.drafting.direct()]
+        continued = self.drafting.along("remainder", remainder) if len(remainder) else None
+        if continued is not None:
+            return [continued]
+        direct = self.drafting.direct()
+        return self.drafting.sweeps() or ([direct] if direct is not None else [])
 
-    def searched(self, draft: Draft, rounds: int, number: int) -> Found:
-        """The best route that `rounds` of search from a draft lead to."""
+    def searched(self, draft: Draft, rounds: int, number: int) -> Found | None:
+        """The best route that `rounds` of search from a draft lead to; None if none is within the budget."""
         objective = WeightedVariance(conditioned(self._K, self._precision(draft, draft.chain)), self._weights)
         if draft.name == "remainder":
             self.before = objective.value
+        room_m = self.budget_m - draft.fixed_m
+        if room_m <= 0.0:
+            return self._cut(draft)
         search = RouteSearch(
             self.lattice,
             objective,
             draft.chain,
-            self.budget_m - draft.fixed_m,
+            room_m,
             self.spacing_m,
             self.request.home_m is not None,
             self.request.seed + 7919 * number,
         )
-        found = search.run(rounds)
-        return self._cut(draft) if found is None else found
+        return search.run(rounds) or self._cut(draft)
 
-    def home_corners(self, draft: Draft) -> int:
-        """How many of the route's last corners are the way home."""
-        return max(0, len(draft.tail_m) - 1)
+    def short_plan(self) -> Plan:
+        """Towards the nearest cell as far as the budget allows, and home.
 
-    def _cut(self, draft: Draft) -> Found:
+        Raises:
+            PlanningError: it allows nothing.
+        """
+        request, passage = self.request, passage_of(self.survey)
+        way = self.drafting.way_in()[1:]
+        route, _ = affordable(request, way, np.zeros(len(way), dtype=bool), passage)
+        back = np.empty((0, 2)) if request.home_m is None else passage.path(route[-1], request.home_m)[1:]
+        route = np.concatenate([route, back])
+        verify(self.start_m, route, self.survey, request.home_m)
+        S = conditioned(self._K, self._along(np.concatenate([self.start_m[None], route])) / NOISE)
+        return Plan(
+            self.start_m,
+            route,
+            np.zeros(len(route), dtype=bool),
+            NO_SPOTS,
+            NAME,
+            request.reason,
+            objective_after=float(self._weights @ np.diagonal(S)),
+            home_corners=len(back),
+        )
+
+    def _cut(self, draft: Draft) -> Found | None:
         """The draft itself, cut to the budget."""
-        chain = self.drafting.fitted(draft).chain
+        fitted = self.drafting.fitted(draft)
+        if fitted is None:
+            return None
+        chain = fitted.chain
         legs = self.lattice.leg_number[list(chain[:-1]), list(chain[1:])]
         S = conditioned(self._K, self._precision(draft, chain))
         length_m = float(self.lattice.leg_length_m[legs].sum())
         return Found(chain, length_m, float(self._weights @ np.diagonal(S)))
 
     def _precision(self, draft: Draft, chain: tuple[int, ...]) -> FloatArray:
-        readings = self.lattice.readings_along(draft.head_m, self.spacing_m)
+        readings = self._along(draft.head_m) + self.lattice.readings(chain, self.spacing_m)
         if len(draft.tail_m) > 1:
             readings += self.lattice.readings_along(draft.tail_m, self.spacing_m)
-        return (self._measured + readings + self.lattice.readings(chain, self.spacing_m)) / NOISE
+        return readings / NOISE
+
+    def _along(self, way_m: FloatArray) -> FloatArray:
+        """Readings in each cell: those taken, and those on a way (k, 2); shape (N,)."""
+        return self._measured + self.lattice.readings_along(way_m, self.spacing_m)
 
 
 def weights(request: PlanRequest, survey: SurveyArea, lattice: WaterLattice) -> FloatArray:

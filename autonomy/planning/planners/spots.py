@@ -18,6 +18,8 @@ NAME = "spots"
 _LOYALTY = 0.02
 """Of the mutual information: what is given up for not changing course."""
 
+_HERE_M = 1.0
+
 
 def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     """Spots refined by exchange, first of all those of the previous plan not visited yet, on an open tour over water.
@@ -88,6 +90,9 @@ class _Tour:
         nodes = list(range(len(self._D)))
         order = self._shortest(nodes, homeward=False)
         if self._length(order) > self._budget_m:
+            # What lies here costs nothing, and would be all that is left of a tour that leads nowhere.
+            elsewhere = [k for k in nodes if k == 0 or self._D[0, k] > _HERE_M]
+            nodes = elsewhere if len(elsewhere) > 1 else nodes
             order = self._shortest(nodes, homeward=True)
         while self._length(order) > self._budget_m and len(order) > 2:
             nodes = sorted(set(order) - {self._least(order)})
