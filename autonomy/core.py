@@ -7,7 +7,6 @@ process's monotonic clock); model time comes from the vehicle's own clock inside
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Any
 
 from autonomy import jobs
@@ -24,7 +23,7 @@ from autonomy.learning.capacity import Budget
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
 from autonomy.learning.transform import transform_of
-from autonomy.mavlink.authority import Command, OnBoard
+from autonomy.mavlink.authority import Command
 from autonomy.mavlink.safeguards import Safeguards
 from autonomy.mavlink.telemetry import Observation
 from autonomy.memory import Memory, UnfitMemoryError, capture, restore
@@ -35,6 +34,7 @@ from autonomy.planning.survey import SurveyArea
 from autonomy.reporting import Reporter, Status
 from autonomy.sampling import TOO_CLOSE, Sample, SampleGate
 from autonomy.seaway import Seaway
+from autonomy.situation import Situation
 
 JOB_RETRY_S = 5.0
 """Pause after a job without a plan, doubled with every further one up to 32 times as long."""
@@ -42,35 +42,8 @@ JOB_RETRY_S = 5.0
 FAILURES_AT_SEA = 3
 """So many jobs without a plan for a boat at the end of its path, and what a budget has left is for the way home."""
 
-STALE_POSITION_S = 10.0
-"""A vehicle that has not told its position for this long is nowhere: nothing is planned from where it was."""
-
-SILENT_SENSOR_S = 30.0
-"""A survey without readings for this long is told to be one, and sails its plan to the end, and no other."""
-
 STALE_PLAN_S = 60.0
 """A plan that waited this long for a service that was away is made anew from where the vessel is."""
-
-
-class State(Enum):
-    """What the service is doing; the value is how it is said to a person."""
-
-    WAITING_FOR_VEHICLE = "waiting for vehicle"
-    EXPLORING = "exploring"
-    YIELDED = "yielded"
-    RETURNING = "returning"
-    FINISHED = "finished"
-    OBSERVING = "observing"
-
-
-_STATES = {
-    Command.BEFORE_START: State.WAITING_FOR_VEHICLE,
-    Command.DISPLACED: State.YIELDED,
-    Command.YIELDED: State.YIELDED,
-    Command.SENT_HOME: State.RETURNING,
-    Command.RETURNING: State.RETURNING,
-    Command.OBSERVED: State.OBSERVING,
-}
 
 
 @dataclass(frozen=True)
@@ -96,6 +69,9 @@ class Core:
         self._reporter = Reporter(configuration, survey, self._helm.telemetry, self._learner)
         self._course = Course(configuration, self._helm, self._seaway, self._reporter)
         self._homeward = Homeward(configuration, survey)
+        self._situation = Situation(
+            self._helm, self._seaway, self._homeward, self._reporter, configuration.sensor.message_name
+        )
         self._effects: list[Effect] = []
         self._job: _Job | None = None
         self._jobs_started = 0
@@ -103,17 +79,10 @@ class Core:
         self._plan_not_before = 0.0
         self._owed: Decision | None = None
         self._plans = 0
-        self._state = State.WAITING_FOR_VEHICLE
-        self._reason = "nothing heard from the autopilot yet"
-        self._in_touch = False
-        self._in_touch_since = math.inf
-        self._may_upload = False
         self._stopping = False
         self._now = 0.0
         self._ahead_s = 0.0
         self._explained: set[str] = set()
-        self._heard_reading = -math.inf
-        self._exploring_since = math.inf
 
     def handle(self, now: float, event: Event) -> list[Effect]:
         """Take in one event at protocol time `now`; returns what the shell shall do, in order."""
@@ -216,7 +185,7 @@ class Core:
         """Take in a message; returns whether it told anything new."""
         heard = self._helm.handle(now, message)
         if any(math.isfinite(observation.value) for observation in heard.observations):
-            self._heard_reading = now
+            self._situation.heard_reading(now)
         self._send(heard.replies)
         for observation in heard.observations:
             self._observe(observation)
@@ -262,18 +231,12 @@ class Core:
             self._reporter.log(
                 Level.INFO, "the new plan is dropped: part of its water has been closed meanwhile"
             )
-        elif not self._is_wanted():
-            self._reporter.log(Level.INFO, f"the new plan is dropped: {self._reason}")
+        elif not self._situation.wants_plans:
+            self._reporter.log(Level.INFO, f"the new plan is dropped: {self._situation.reason}")
         elif self._course.keeps(result.plan, job.decision.trigger):
             self._failed_in_a_row, self._owed = 0, None
         else:
             self._adopt(now, result.plan)
-
-    def _is_wanted(self) -> bool:
-        """Whether a plan that is ready now may still be brought on board, or may be once the mission there is read."""
-        if self._state is State.YIELDED or not self._in_touch:
-            return False
-        return self._may_upload or self._helm.authority.on_board is OnBoard.UNREAD
 
     def _adopt(self, now: float, plan: Plan) -> None:
         try:
@@ -406,61 +369,18 @@ class Core:
         self._plan_not_before = 0.0
 
     def _look(self, now: float) -> None:
-        """What we are doing, and why; said once when it changes."""
-        was_in_touch, self._in_touch = self._in_touch, self._helm.is_heard(now)
-        if self._in_touch and not was_in_touch:
-            self._in_touch_since = now
-        state, reason = self._situation(now)
-        if (state, reason) != (self._state, self._reason):
-            self._reporter.log(Level.INFO, f"{state.value}: {reason}")
-        if state is not self._state and state in (State.YIELDED, State.RETURNING):
-            self._send(self._helm.say(f"halocline: {reason}"))
-        if state is not self._state:
-            self._exploring_since = now
-        self._state, self._reason = state, reason
-
-    def _situation(self, now: float) -> tuple[State, str]:
-        vehicle, authority = self._helm.state, self._helm.authority
-        self._may_upload = False
-        if vehicle is None:
-            return State.WAITING_FOR_VEHICLE, "nothing heard from the autopilot yet"
-        if not self._in_touch:
-            return State.WAITING_FOR_VEHICLE, "the autopilot has fallen silent"
-        permission = self._helm.dispatch.permission(vehicle)
-        self._may_upload = permission.allowed
-        reason = authority.reason if permission.allowed else permission.reason
-        if permission.allowed:
-            hindrance = self._helm.unread or self._seaway.problem
-            if self._is_lost(now):
-                hindrance = "it does not tell its position"
-            reason += "" if hindrance is None else f", but {hindrance}"
-        if authority.command is not Command.OURS:
-            return _STATES[authority.command], reason
-        if self._homeward.is_finished:
-            return State.FINISHED, self._homeward.reason
-        if self._homeward.is_returning:
-            return State.RETURNING, self._homeward.reason or "the way home is what is left of the budget"
-        if self._is_deaf(now) and not self._is_lost(now):
-            reason += f", but no reading named {self._configuration.sensor.message_name} comes in"
-        return State.EXPLORING, reason
-
-    def _is_lost(self, now: float) -> bool:
-        """Whether nobody knows where the vessel is."""
-        heard = max(self._helm.telemetry.position_heard, self._in_touch_since)
-        return self._in_touch and now - heard > STALE_POSITION_S
-
-    def _is_deaf(self, now: float) -> bool:
-        """Whether the survey has been without readings for long."""
-        return now - max(self._heard_reading, self._exploring_since) > SILENT_SENSOR_S
+        told = self._situation.look(now)
+        if told is not None:
+            self._send(self._helm.say(f"halocline: {told}"))
 
     def _decide(self, now: float) -> Decision | None:
         """What to plan for now, if it is time to and the plan could be sailed."""
         helm = self._helm
-        if self._job is not None or now < self._plan_not_before or not self._may_upload:
+        if self._job is not None or now < self._plan_not_before or not self._situation.may_upload:
             return None
         if not helm.is_sure or helm.dispatch.busy:
             return None
-        if helm.unread is not None or self._seaway.problem is not None or self._is_lost(now):
+        if helm.unread is not None or self._seaway.problem is not None or self._situation.is_lost(now):
             return None
         if self._homeward.reason and helm.authority.survey_started:
             return None
@@ -472,7 +392,7 @@ class Core:
             return Decision(Trigger.ROOM, False, Trigger.ROOM.value)
         if self._homeward.is_returning:
             return None
-        if self._is_deaf(now):
+        if self._situation.is_deaf(now):
             # There is nothing new to plan with; fences and stalls are another matter.
             return self._owed
         return self._exploration.decide(self._figures()) or self._owed
@@ -541,12 +461,12 @@ class Core:
 
     def _status(self) -> Status:
         return Status(
-            state=self._state.name.lower(),
-            reason=self._reason,
+            state=self._situation.state.name.lower(),
+            reason=self._situation.reason,
             rho=self._exploration.rho(self._figures()),
             plans=self._plans,
             worker_busy=self._job is not None,
-            in_touch=self._in_touch,
+            in_touch=self._situation.in_touch,
             distance_m=self._helm.distance_m,
             quality=self._gate.quality.counts,
         )

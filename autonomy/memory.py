@@ -49,6 +49,7 @@ SETTINGS: Mapping[str, frozenset[str]] = {
         "autonomy.stall.GivenUp": "_give_up_s _least_m",
         "autonomy.orders.Orders": "_return_mode",
         "autonomy.course.Course": "_minimum_gain",
+        "autonomy.situation.Situation": "_message_name",
         "autonomy.homeward.Homeward": "_section _shortest_m _fixed_m",
         "autonomy.budget.Budget": "_section _limits",
         "autonomy.consumption.MetreCost": "_guess",

@@ -151,13 +151,18 @@ class Month(Voyage):
             self.arm()
             self.select(Mode.AUTO)
             self.sail(60.0)
-            if self.core._state.name == "EXPLORING":
+            if self.core._situation.state.name == "EXPLORING":
                 return
-            if self.core._helm.authority.command is Command.DISPLACED or "mission" in self.core._reason:
+            if (
+                self.core._helm.authority.command is Command.DISPLACED
+                or "mission" in self.core._situation.reason
+            ):
                 self.select(Mode.HOLD)
                 self.operate(mavlink.MAVLink_mission_clear_all_message(self.autopilot.system_id, 1))
                 self.sail(150.0)
-        raise AssertionError(f"not under way again: {self.core._state}, {self.core._reason}; {self.log[-5:]}")
+        raise AssertionError(
+            f"not under way again: {self.core._situation.state}, {self.core._situation.reason}; {self.log[-5:]}"
+        )
 
     def restart(self) -> None:
         """The service is killed, and another goes on from its checkpoint."""
