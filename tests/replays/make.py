@@ -61,7 +61,7 @@ def configuration() -> Configuration:
                 "candidates": ("squared_exponential", "ou"),
             },
             "exploration": {"minimum_basis": 12, "maximum_interval_s": None, "outgrown_ratio": None},
-            "planning": {"lattice": (6, 5), "spots": 6},
+            "planning": {"planner": "paper", "lattice": (6, 5), "spots": 6},
             "shore": {"model_period_s": 60.0, "health_period_s": 20.0},
         }
     )
