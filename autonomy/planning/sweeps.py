@@ -185,8 +185,11 @@ class _Lanes:
         """How wide the water is across the lanes."""
         return float(self._high[1] - self._low[1])
 
-    def pieces(self, count: int) -> list[FloatArray]:
-        """Of each of `count` lanes the pieces over reachable water, (n, 2): from and to, along u."""
+    def pieces(self, count: int, left_out: int = 0) -> list[FloatArray]:
+        """Of each of `count` lanes the pieces over reachable water, (n, 2): from and to, along u.
+
+        Without those shorter than `_SHORTEST`, and without the `left_out` shortest of the others.
+        """
         levels = self._levels(count)
         ends = np.array([[[self._low[0], v], [self._high[0], v]] for v in levels])
         lines = shapely.linestrings(ends @ self._turn.T)
@@ -201,15 +204,18 @@ class _Lanes:
         keep = spans[:, 1] - spans[:, 0] >= _SHORTEST * self.width_m / count
         keep &= self.water.detours.reachable(middle) if len(middle) else False
         spans, lane = spans[keep], lane[keep]
+        longest = np.argsort(spans[:, 0] - spans[:, 1], kind="stable")
+        kept = np.sort(longest[: max(0, len(spans) - left_out)])
+        spans, lane = spans[kept], lane[kept]
         return [spans[lane == k][np.argsort(spans[lane == k, 0])] for k in range(count)]
 
     def _levels(self, count: int) -> FloatArray:
         levels: FloatArray = self._low[1] + (np.arange(count) + 0.5) * (self.width_m / count)
         return levels
 
-    def track(self, count: int, inset_m: float, corner: tuple[int, int]) -> _Track:
+    def track(self, count: int, inset_m: float, corner: tuple[int, int], left_out: int = 0) -> _Track:
         """The lanes' pieces, shortened by up to the inset at both ends, from a corner: the shorter of two orders."""
-        legs, lane, cell = self._legs(count, inset_m)
+        legs, lane, cell = self._legs(count, inset_m, left_out)
         place = self._corner(corner)
         orders = [_lane_by_lane(legs, lane, place)] if len(legs) else []
         if len(set(cell)) > 1:
@@ -225,9 +231,9 @@ class _Lanes:
             corner,
         )
 
-    def _legs(self, count: int, inset_m: float) -> tuple[FloatArray, list[int], list[int]]:
+    def _legs(self, count: int, inset_m: float, left_out: int) -> tuple[FloatArray, list[int], list[int]]:
         """Shortened pieces in local metres (n, 2, 2), lane by lane, and the lane and the cell of each."""
-        pieces, levels = self.pieces(count), self._levels(count)
+        pieces, levels = self.pieces(count, left_out), self._levels(count)
         # A quarter of a piece at either end; more only where lanes end further in than they should.
         beyond = max(0.0, inset_m * count / self.width_m - _INSET)
         most = 0.25 + 0.4 * min(beyond, _DEEPEST - _INSET)
@@ -370,45 +376,60 @@ def _densest(lanes: _Lanes, corner: tuple[int, int], rough_m: float, most: int) 
     """The most lanes, up to a few more than `most`, that fit if they end half a spacing before the water does."""
     fitting = None
     for count in range(most + _TRIED_BEYOND, 0, -1):
-        if _shortest(lanes, count, corner, _INSET).rough_m <= rough_m:
+        if lanes.track(count, _INSET * lanes.width_m / count, corner).rough_m <= rough_m:
             fitting = _outwards(lanes, count, corner, rough_m, _INSET)
             break
-    if fitting is not None and fitting.rough_m >= _SPENT * rough_m:
-        return fitting
     fewest = 1 if fitting is None else round(lanes.width_m / fitting.spacing_m) + 1
     for count in range(fewest, fewest + _TRIED_BEYOND):
-        if _shortest(lanes, count, corner, _DEEPEST).rough_m <= rough_m:
-            return _outwards(lanes, count, corner, rough_m, _DEEPEST)
+        if fitting is not None and fitting.rough_m >= _SPENT * rough_m:
+            break
+        closer = _crammed(lanes, corner, rough_m, count)
+        if closer is not None and (fitting is None or closer.rough_m > fitting.rough_m):
+            fitting = closer
     return fitting
+
+
+def _crammed(lanes: _Lanes, corner: tuple[int, int], rough_m: float, count: int) -> _Track | None:
+    """So many lanes, made to fit: their ends stay far in, and of their pieces the shortest may be left out."""
+    inset_m = _DEEPEST * lanes.width_m / count
+    low, high = -1, sum(len(spans) for spans in lanes.pieces(count))
+    while high - low > 1:
+        middle = (low + high) // 2
+        fits = lanes.track(count, inset_m, corner, middle).rough_m <= rough_m
+        low, high = (low, middle) if fits else (middle, high)
+    if not np.isfinite(lanes.track(count, inset_m, corner, high).rough_m):
+        return None
+    return _outwards(lanes, count, corner, rough_m, _DEEPEST, high)
 
 
 def _most_lanes(lanes: _Lanes, length_m: float) -> int:
     """About how many lanes fit: found by bisection, from the first corner."""
     low, high = 0, 2
-    while high < _LARGEST_LANES and _shortest(lanes, high, CORNERS[0], _INSET).rough_m <= length_m:
+    while high < _LARGEST_LANES and _rough_m(lanes, high) <= length_m:
         low, high = high, 2 * high
     while high - low > 1:
         middle = (low + high) // 2
-        fits = _shortest(lanes, middle, CORNERS[0], _INSET).rough_m <= length_m
+        fits = _rough_m(lanes, middle) <= length_m
         low, high = (middle, high) if fits else (low, middle)
     return low
 
 
-def _shortest(lanes: _Lanes, count: int, corner: tuple[int, int], share: float) -> _Track:
-    """Lanes that end by a share of the spacing before the water does."""
-    return lanes.track(count, share * lanes.width_m / count, corner)
+def _rough_m(lanes: _Lanes, count: int) -> float:
+    return lanes.track(count, _INSET * lanes.width_m / count, CORNERS[0]).rough_m
 
 
-def _outwards(lanes: _Lanes, count: int, corner: tuple[int, int], length_m: float, share: float) -> _Track:
+def _outwards(
+    lanes: _Lanes, count: int, corner: tuple[int, int], length_m: float, share: float, left_out: int = 0
+) -> _Track:
     """Lanes with the smallest inset at which they fit, given that they do with this share of the spacing."""
     low, high = 0.0, share * lanes.width_m / count
-    fitting = lanes.track(count, low, corner)
+    fitting = lanes.track(count, low, corner, left_out)
     if fitting.rough_m <= length_m:
         return fitting
-    fitting = _shortest(lanes, count, corner, share)
+    fitting = lanes.track(count, high, corner, left_out)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        track = lanes.track(count, middle, corner)
+        track = lanes.track(count, middle, corner, left_out)
         if track.rough_m <= length_m:
             high, fitting = middle, track
         else:

@@ -3,7 +3,14 @@
 import numpy as np
 
 from autonomy.geometry import FloatArray
-from autonomy.planning.assembly import affordable, assemble, reachable_sites, start_of, verify
+from autonomy.planning.assembly import (
+    affordable,
+    assemble,
+    information_of_spots,
+    reachable_sites,
+    start_of,
+    verify,
+)
 from autonomy.planning.errors import PlanningError
 from autonomy.planning.exchange import select_by_exchange
 from autonomy.planning.information import measurement_covariance, mutual_information
@@ -42,8 +49,10 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
     # A budget too small for any spot is spent on the way to the one that costs least.
     sailed, is_spot = affordable(request, route, is_spot, passage)
     verify(start, sailed, survey, request.home_m)
-    visited = [chosen[k - 1] for k in order[1:]] if sailed is route else []
-    information = mutual_information(S, visited)
+    if sailed is route:
+        information = mutual_information(S, [chosen[k - 1] for k in order[1:]])
+    else:
+        information = information_of_spots(request, sailed[is_spot], sites)
     return Plan(start, sailed, is_spot, information, NAME, request.reason, unreachable)
 
 

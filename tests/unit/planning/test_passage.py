@@ -31,6 +31,25 @@ def test_a_way_to_the_same_place():
     assert passage.distances([(500, 500), (500, 500)]).tolist() == [[0, 0], [0, 0]]
 
 
+def test_staying_outside_navigable_water_is_no_way_at_all():
+    passage = Passage(survey(box(400, 300, 600, 500), standoff_m=50.0))
+    harbour = (500.0, 520.0)
+    assert length(passage, harbour, harbour) == 0.0
+    assert length(passage, (-60.0, 100.0), (-60.0, 100.0)) == 0.0
+
+
+def test_a_way_to_the_edge_of_the_stand_off_keeps_to_the_water():
+    """Clipping leaves such ends a hair outside; they are no harbours, which are left and made for straight."""
+    area = survey(shapely.Point(500, 500).buffer(150.0), standoff_m=60.0, passage_cells=40)
+    ends = shapely.get_coordinates(
+        area.navigable.interiors[0].interpolate(np.linspace(0.0, 1.0, 23), normalized=True)
+    )
+    assert not shapely.covers(area.navigable, shapely.points(ends)).all()
+    for end in ends:
+        way = passage_of(area).path((30.0, 40.0), end)
+        assert area.legs_are_clear(way[:-1], way[1:]).all()
+
+
 def test_around_a_wall_the_way_is_nearly_the_shortest():
     wall = box(480, 0, 520, 800)
     passage = Passage(survey(wall, passage_cells=200))

@@ -17,6 +17,7 @@ from autonomy.planning.passage import passage_of
 from autonomy.planning.planners.route import plan
 from autonomy.planning.request import PlanRequest
 from autonomy.planning.survey import SurveyArea
+from autonomy.planning.water_lattice import water_lattice_of
 
 MODEL = FieldModel.prior(Hyperparameters(1.0, 0.01, (2000.0, 2000.0)))
 
@@ -80,6 +81,40 @@ def test_harbours_in_the_stand_off_are_left_and_made_for(bay):
 def test_a_budget_that_does_not_lead_home_is_refused(bay):
     with pytest.raises(PlanningError, match="the way home is 8635 m long"):
         plan(asked(bay, home_m=np.array([9000.0, 1000.0]), budget_m=8000.0), bay)
+
+
+@pytest.mark.parametrize("budget_m", [5.0, 100.0, 400.0, 1500.0])
+def test_a_small_budget_allows_a_short_route(bay, budget_m):
+    """Less than the way to the first cell, hardly more, and a leg or two: each of it is sailed."""
+    away = plan(asked(bay, budget_m=budget_m), bay)
+    assert 0.5 * min(budget_m, 140.0) <= away.length_m <= budget_m
+    home_m = np.array([600.0, 3000.0])
+    around = plan(asked(bay, budget_m=budget_m, home_m=home_m), bay)
+    assert 0.5 * min(budget_m, 140.0) <= around.length_m <= budget_m
+    np.testing.assert_allclose(around.route_m[-1], home_m)
+    assert around.home_corners >= 1
+    assert np.isfinite(around.objective_after)
+
+
+def test_a_round_from_a_cell_back_to_it_is_searched(bay):
+    """With the start and home in one cell the first draft of a short round is that cell alone."""
+    cell_m = water_lattice_of(bay).points_m[100]
+    made = plan(asked(bay, start_m=cell_m, home_m=cell_m, budget_m=1600.0, iterations=60), bay)
+    assert 1000.0 <= made.length_m <= 1600.0
+    assert clear_of_land(bay, made)
+
+
+def test_a_budget_that_is_spent_is_refused(bay):
+    with pytest.raises(PlanningError, match="too short to get anywhere"):
+        plan(asked(bay, budget_m=0.0), bay)
+    with pytest.raises(PlanningError, match="beside the way home"):
+        plan(asked(bay, budget_m=0.0, home_m=np.array([600.0, 3000.0])), bay)
+
+
+def test_it_has_no_spots_whose_information_could_be_known(bay):
+    made = plan(asked(bay), bay)
+    assert not made.is_spot.any()
+    assert np.isnan(made.mutual_information)
 
 
 def test_a_search_never_makes_a_remainder_worse(bay):

@@ -105,9 +105,12 @@ def test_more_budget_tells_more():
 
 
 def test_a_budget_for_no_spot_is_spent_on_the_way_to_one():
-    made = spots.plan(request((0.0, 0.0), budget_m=300.0), survey())
+    asked, area = request((0.0, 0.0), budget_m=300.0), survey()
+    made = spots.plan(asked, area)
     assert made.length_m == pytest.approx(300.0, rel=0.01)
-    assert made.mutual_information == 0.0
+    sites = area.candidate_sites(9, 9)
+    S = measurement_covariance(asked.model, np.concatenate([made.spots_m, sites]))
+    assert made.mutual_information == pytest.approx(mutual_information(S, [0]))
     with pytest.raises(PlanningError, match="the way home is"):
         spots.plan(request(budget_m=300.0, home_m=np.array([9000.0, 9000.0])), survey())
 
@@ -116,3 +119,13 @@ def test_an_unusable_model_is_a_planning_error():
     model = FieldModel.prior(Hyperparameters(1.0, 1e-30, (1e9, 1e9)))
     with pytest.raises(PlanningError, match="positive definite"):
         spots.plan(request(model=model), survey())
+
+
+def test_a_spot_that_the_vessel_lies_at_is_not_all_that_is_left_of_a_tour():
+    """It costs nothing, so that it would never be dropped, and the vessel would be sent nowhere for ever."""
+    area = survey()
+    whole = spots.plan(request(), area)
+    here = whole.spots_m[0]
+    made = spots.plan(request(start=here, budget_m=900.0), area)
+    assert made.length_m == pytest.approx(900.0, rel=1e-3)
+    assert made.mutual_information > 0.0

@@ -48,6 +48,17 @@ class TestGeometry:
         assert survey.contains(210, 400)
         assert not survey.is_navigable([[210, 400]])[0]
 
+    def test_a_point_on_an_edge_is_navigable_whatever_its_last_digits(self):
+        """The ends of a line clipped to the water lie on either side of an edge that is neither east nor north."""
+        survey = area(land=shapely.Point(500, 400).buffer(150.0), standoff_m=40.0)
+        edge = survey.navigable.interiors[0]
+        ends = shapely.get_coordinates(edge.interpolate(np.linspace(0.0, 1.0, 97), normalized=True))
+        assert not shapely.covers(survey.navigable, shapely.points(ends)).all()
+        assert survey.is_navigable(ends).all()
+        assert survey.legs_are_clear(ends, ends).all()
+        centre = np.array([500.0, 400.0])
+        assert not survey.is_navigable(ends + (centre - ends) * 1e-4).any()
+
     def test_land_beyond_the_area_keeps_its_distance_too(self):
         survey = area(land=box(-100, 0, -10, 800), standoff_m=50.0)
         assert survey.navigable.bounds[0] >= 40.0
