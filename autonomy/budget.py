@@ -175,11 +175,12 @@ class Budget:
         """What a polyline, shape (k, 2), will cost in all, shape (3,).
 
         Wind and waves that are against the boat stay so for a while: what windows differ by is the less averaged out
-        the shorter the way is.
+        the shorter the way is, and what the last ones cost more than usual the next will cost as well.
         """
         total: FloatArray = self.costs(points_m).sum(axis=0)
         coherent_m = min(total[DISTANCE], math.sqrt(COHERENT_M * total[DISTANCE]))
-        total += CAUTION * coherent_m * np.array([0.0, self._pace.spread, self._consumption.spread])
+        for column, meter in ((DURATION, self._pace), (ENERGY, self._consumption)):
+            total[column] += coherent_m * (CAUTION * meter.spread + meter.excess)
         return total
 
     def affords(self, cost: FloatArray) -> bool:

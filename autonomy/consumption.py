@@ -38,6 +38,7 @@ class MetreCost:
 
     WINDOW_M = 100.0
     KEPT = 120
+    RECENT = 10
 
     def __init__(self, guess: float | None) -> None:
         """Start from a guess at the cost of a metre; None: it costs nothing until something has been measured."""
@@ -78,6 +79,15 @@ class MetreCost:
     def spread(self) -> float:
         """Robust standard deviation of windows about their mean; 0 before the first."""
         return self._fitted()[2]
+
+    @property
+    def excess(self) -> float:
+        """By how much a metre of the last `RECENT` windows has cost more than it should have by all of them; or 0."""
+        if not self._windows:
+            return 0.0
+        recent = np.array(self._windows)[-self.RECENT :]
+        expected = np.column_stack([np.ones(len(recent)), recent[:, 1:]]) @ self._fitted()[0]
+        return max(0.0, float(np.mean(recent[:, 0] - expected)))
 
     def along(self, directions: ArrayLike, deviations: float = 0.0) -> FloatArray:
         """Cost of a metre in unit directions, shape (n, 2), plus so many standard deviations of it; shape (n,)."""

@@ -47,7 +47,7 @@ CHECK_S = 2.0
 NEAR, NEAR_M = 0.1, 30.0
 """Share of the way home, or metres, that the vessel may move on before the way is sought anew."""
 
-ENOUGH_ROOM = 0.08
+ENOUGH_ROOM = 0.04
 """Share of the scarcest limit that, spare on the way home, is worth another plan."""
 
 

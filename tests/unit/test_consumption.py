@@ -57,6 +57,18 @@ def test_the_current_is_known_after_the_turn_and_not_before() -> None:
     assert max(cost.along([EAST, WEST], 1.0) - cost.along([EAST, WEST])) < 5.0
 
 
+def test_weather_that_has_come_up_is_seen_before_the_mean_sees_it() -> None:
+    cost = MetreCost(100.0)
+    drawn_j = sail(cost, EAST, [100.0] * 60)
+    assert cost.excess == pytest.approx(0.0, abs=0.5)
+    drawn_j = sail(cost, EAST, [130.0] * 10, from_j=drawn_j)
+    usual = cost.along(EAST)[0]
+    assert usual < 106.0
+    assert usual + cost.excess == pytest.approx(130.0, rel=0.01)
+    sail(cost, EAST, [70.0] * 10, from_j=drawn_j)
+    assert cost.excess == 0.0
+
+
 @pytest.mark.parametrize("current", [0.1, 0.2, 0.3])
 def test_a_first_harmonic_prices_a_boat_in_a_current(current: float) -> None:
     """At v = 1 and a current of c to the east the speed made good is c·u + sqrt(1 - (c × u)²)."""
