@@ -4,6 +4,7 @@ The paper runs its algorithm as a loop over path points. Here the same decisions
 has changed: `Exploration.decide` looks at the figures of the moment and says whether it is time.
 """
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -131,7 +132,7 @@ class Exploration:
 
     def _replan_share(self, planner: str) -> float:
         configured = self._section.replan_share
-        return _REPLAN_SHARES.get(planner, 1.0) if configured is None else configured
+        return _REPLAN_SHARES.get(planner, math.inf) if configured is None else configured
 
     def _since(self, figures: Figures) -> float:
         if self._last_reestimate_s is None:

@@ -52,6 +52,8 @@ def explore(request: ExploreRequest, survey: SurveyArea) -> ExploreResult:
         return ExploreResult(estimate, make_plan(request.planner, problem, water), None)
     except (PlanningError, SurveyError) as error:
         return ExploreResult(estimate, None, str(error))
+    except Exception as error:  # noqa: BLE001 -- a planner's bug is told like any failed plan: the estimate is kept
+        return ExploreResult(estimate, None, f"the planner is broken: {type(error).__name__}: {error}")
 
 
 _JOBS = {EXPLORE: explore}

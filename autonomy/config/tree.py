@@ -552,7 +552,7 @@ class ExplorationSection(Section):
     replan_share: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] | None = Field(
         default=None,
         description="share of the longest path so far after which, sailed, a new one is planned without a re-estimate; "
-        "null: a seventh with the planner route, which learns where the field is rough, and 1, never, with the others",
+        "null: a seventh with the planner route, which learns where the field is rough, and never with the others",
     )
     reestimate_on_path_end: bool = Field(
         default=True,
@@ -851,6 +851,12 @@ class Configuration(Section):
             what = f"must be below exploration.stall_s ({stall_s:g}) (got {hold_s:g})"
             keys = ("planning.hold_s", "exploration.stall_s")
             yield Conflict(keys, what, "planning.hold_s < exploration.stall_s")
+        if hold_s > 0.0 and (self.budget.duration_s is not None or self.budget.energy_wh is not None):
+            limit = "duration_s" if self.budget.duration_s is not None else "energy_wh"
+            what = f"must be 0 with budget.{limit}: what holding costs is not counted (got {hold_s:g})"
+            yield Conflict(
+                ("planning.hold_s", f"budget.{limit}"), what, "planning.hold_s: 0, or no such limit"
+            )
         minimum, capacity = self.exploration.minimum_basis, self.model.capacity
         keys = ("exploration.minimum_basis", "model.capacity")
         if capacity is not None and capacity < minimum:

@@ -153,6 +153,12 @@ class _Water:
         self.survey, self.start_m = survey, start_m
         self.passage: Passage = passage_of(survey)
         self.detours = Detours(survey, self.passage, start_m)
+        if not len(self.detours.cells_m):
+            raise PlanningError(
+                f"no water for lanes: the survey's is narrower than a cell of the raster, "
+                f"{survey.span_m / survey.passage_cells:.0f} m; survey.passage_cells must be more than "
+                f"{survey.passage_cells}"
+            )
         self.home_m = None if home_m is None else np.asarray(home_m, dtype=float).reshape(2)
 
 

@@ -16,6 +16,7 @@ from sim.vessel import UnsteadyCurrent
 from .conftest import HARBOUR_M, SPEED_MPS, boat
 
 VOYAGES = int(os.environ.get("HALOCLINE_VOYAGES", "3"))
+PLANNERS = ("auto", "paper", "spots", "lawnmower")
 RESERVE = 0.1
 """Of the limits, by default."""
 
@@ -45,7 +46,8 @@ def test_home_with_the_reserve_unspent(make_voyage, legs_over_land, seed):
     names = list(amounts)[: 1 + seed % 3] if seed % 2 else [list(amounts)[2 - seed % 3]]
     limits = {name: amounts[name] for name in names}
     guesses = {"consumption_j_per_m": rng.uniform(10.0, 30.0), "speed_mps": rng.uniform(5.0, 11.0)}
-    voyage = make_voyage(autopilot, seed=seed, budget={**limits, **guesses})
+    planning = {"planner": PLANNERS[seed % len(PLANNERS)], "lattice": (6, 5), "spots": 6}
+    voyage = make_voyage(autopilot, seed=seed, budget={**limits, **guesses}, planning=planning)
     voyage.start()
     began_s, began_wh, began_m = autopilot.vessel.time_s, battery.used_wh, autopilot.vessel.distance_sailed_m
     sailed_home(voyage)

@@ -341,6 +341,13 @@ BROKEN = {
         "must be below exploration.stall_s (60) (got 60)",
         "planning.hold_s < exploration.stall_s",
     ),
+    "a stay that nobody has counted": Broken(
+        AREA + "planning:\n  hold_s: 20\nbudget:\n  duration_s: 3600\n",
+        "4:3",
+        "planning.hold_s",
+        "must be 0 with budget.duration_s: what holding costs is not counted (got 20)",
+        "planning.hold_s: 0, or no such limit",
+    ),
     "more spots than sites": Broken(
         AREA + "planning:\n  lattice: [4, 5]\n",
         "4:3",

@@ -22,6 +22,8 @@ _READINGS_PER_SIDE = 50
 """Readings along the way where the request does not say how dense they are, and never denser."""
 _HORIZON = 6.0
 """Of the side: how far a plan looks if there is no end."""
+_FARTHEST = 40.0
+"""Of the side: a plan looks no farther than this, whatever the budget; what comes after is planned when it is near."""
 _SATURATING_LAG = 0.06
 """Differences at a longer lag than this, which small budgets bring, say less about the error between tracks."""
 _SATURATED = 4.0
@@ -72,10 +74,12 @@ class _Problem:
         self.start_m = start_of(request)
         self.lattice = water_lattice_of(survey)
         side_m = self.lattice.side_m
-        self.budget_m = _HORIZON * side_m if request.budget_m is None else float(request.budget_m)
+        self.budget_m = _HORIZON * side_m
+        if request.budget_m is not None:
+            self.budget_m = min(float(request.budget_m), self._farthest_m(side_m))
         self.spacing_m = max(request.sample_spacing_m, side_m / _READINGS_PER_SIDE)
         self.before: float | None = None
-        home = None if request.home_m is None else np.asarray(request.home_m, dtype=float).reshape(2)
+        home = self._home_m()
         self.drafting = Drafting(survey, self.lattice, self.start_m, self.budget_m, home)
         self._weights = weights(request, survey, self.lattice)
         self._K = planning_covariance(self.lattice.points_m / side_m)
@@ -87,6 +91,15 @@ class _Problem:
             return self.request.iterations
         wanted = round(_ROUNDS_PER_SIDE * self.budget_m / self.lattice.side_m)
         return min(max(wanted, _FEWEST_ROUNDS), _MOST_ROUNDS)
+
+    def _home_m(self) -> FloatArray | None:
+        home = self.request.home_m
+        return None if home is None else np.asarray(home, dtype=float).reshape(2)
+
+    def _farthest_m(self, side_m: float) -> float:
+        """Never so near that a far home could not be reached."""
+        home = self._home_m()
+        return _FARTHEST * side_m + (0.0 if home is None else 2.0 * float(np.hypot(*(home - self.start_m))))
 
     def drafts(self) -> list[Draft]:
         """Where searches begin; none if the budget is too short for any cell."""
