@@ -11,7 +11,7 @@ from typing import Any
 
 from autonomy import jobs
 from autonomy.budget import Reading, Stage
-from autonomy.config import Configuration
+from autonomy.config import BudgetSection, Configuration
 from autonomy.course import Course
 from autonomy.effects import Effect, Level, SendMessage, StartJob
 from autonomy.events import Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived, StopRequested
@@ -488,5 +488,15 @@ def _learner(configuration: Configuration, survey: SurveyArea) -> Learner:
         area_m2=survey.area_m2,
         budget=Budget(model.memory_mb, model.update_us),
         transform=transform_of(configuration.sensor),
-        budget_m=configuration.budget.distance_m,
+        budget_m=_longest_m(configuration.budget),
     )
+
+
+def _longest_m(section: BudgetSection) -> float | None:
+    """How far the survey can go, as far as that is known beforehand; None: without end."""
+    limits = [section.distance_m]
+    if section.duration_s is not None:
+        limits.append(section.duration_s * section.speed_mps)
+    if section.energy_wh is not None and section.consumption_j_per_m is not None:
+        limits.append(3600.0 * section.energy_wh / section.consumption_j_per_m)
+    return min((limit for limit in limits if limit is not None), default=None)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import shapely
 
 from autonomy.planning.errors import PlanningError
 from autonomy.planning.expectation import along_route
@@ -17,6 +18,9 @@ __all__ = ["AUTO", "PLANNERS", "PlanRequest", "PlanningError", "make_plan"]
 PLANNERS: dict[str, Callable[[PlanRequest, SurveyArea], Plan]] = {
     planner.NAME: planner.plan for planner in (paper, spots, route, patrol, lawnmower)
 }
+
+_FARTHEST_SPANS, _FARTHEST_M = 3.0, 20e3
+"""Of the area's span and in metres: flat metres do not reach much farther, and no harbour is farther away."""
 
 AUTO = "auto"
 """The name that leaves the choice to what is asked."""
@@ -34,6 +38,12 @@ def make_plan(name: str, request: PlanRequest, survey: SurveyArea) -> Plan:
     """
     if name == AUTO:
         name = _chosen_for(request)
+    away_m = shapely.distance(survey.ground, shapely.points(request.start_m))
+    if away_m > _FARTHEST_SPANS * survey.span_m + _FARTHEST_M:
+        raise PlanningError(
+            f"the start is {away_m / 1e3:.0f} km from a survey area {survey.span_m / 1e3:.1f} km wide: "
+            "is one of them wrong, perhaps latitude and longitude exchanged?"
+        )
     plan = PLANNERS[name](request, survey)
     rmse = None if request.model_version is None else along_route(plan, request, survey).rmse
     return replace(

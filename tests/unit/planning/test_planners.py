@@ -71,3 +71,8 @@ def test_a_broken_planner_does_not_cost_the_reestimate(monkeypatch):
     result = jobs.explore(jobs.ExploreRequest(None, "paper", request_for(STILL)), SURVEY)
     assert result.plan is None
     assert result.problem == "the planner is broken: ZeroDivisionError: nothing to divide by"
+
+
+def test_a_start_at_the_other_end_of_the_world_is_a_mistake():
+    with pytest.raises(PlanningError, match=r"the start is 1\d\d\d km from a survey area 3.0 km wide"):
+        make_plan("paper", request_for(STILL, start_m=np.array([-1e6, 1e6])), SURVEY)
