@@ -20,7 +20,7 @@ class Plan:
         route_m: shape (k, 2), local metres: every corner of the route in sailing order, the start excluded.
         is_spot: shape (k,), bool: which corners are sampling spots (the others only round the land).
         start_m: shape (2,), where the route begins.
-        mutual_information: true I(P) of the spots in nats, given what is already known; NaN: not known, or there are none.
+        mutual_information: true I(P) of the spots in nats, given what is already known; NaN: not known, or no spots.
         planner: name of the planner that made it.
         reason: why a plan was made now, for a person.
         unreachable_sites: candidates that no way over water leads to from the start.
