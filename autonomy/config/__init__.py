@@ -15,32 +15,27 @@ from autonomy.config.overlay import apply_environment, apply_overrides
 from autonomy.config.private import PrivateFileError, read_private
 from autonomy.config.problems import ConfigurationError, Origin, Problem, Source
 from autonomy.config.reference import holds_file, holds_folder, holds_secret, section_of
-from autonomy.config.translate import is_consequence, translate
-from autonomy.config.tree import (
+from autonomy.config.sections.learning import (
     LARGEST_CAPACITY,
     LEAST_CHOSEN_CAPACITY,
-    BudgetSection,
     Candidate,
-    CheckpointSection,
-    Configuration,
     EstimationSection,
-    ExplorationSection,
     HyperparametersSection,
+    ModelSection,
+)
+from autonomy.config.sections.planning import BudgetSection, ExplorationSection, PlanningSection
+from autonomy.config.sections.readings import QualitySection, SamplingSection, SensorSection, SurveySection
+from autonomy.config.sections.section import Section
+from autonomy.config.sections.service import (
+    CheckpointSection,
     JournalSection,
     LoggingSection,
-    MavlinkSection,
-    ModelSection,
-    PlanningSection,
-    QualitySection,
-    SamplingSection,
-    Section,
-    SensorSection,
     ShoreSection,
-    SigningSection,
-    SurveySection,
     TlsSection,
-    VehicleSection,
 )
+from autonomy.config.sections.vehicle import MavlinkSection, SigningSection, VehicleSection
+from autonomy.config.translate import is_consequence, translate
+from autonomy.config.tree import Configuration
 
 __all__ = [
     "LARGEST_CAPACITY",
