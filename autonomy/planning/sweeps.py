@@ -6,6 +6,7 @@ decomposition, Choset 2000). Ways between pieces go round the land, and count.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import atan2, cos, pi, sin
 
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from autonomy.geometry import FloatArray, path_length_m
 from autonomy.planning.detours import Detours
-from autonomy.planning.errors import PlanningError
+from autonomy.planning.errors import PlanningError, Unreachable
 from autonomy.planning.passage import Passage, passage_of
 from autonomy.planning.raster import BoolArray
 from autonomy.planning.survey import SurveyArea
@@ -132,7 +133,11 @@ def sweeps(
             if count > _LARGEST_LANES:
                 raise PlanningError(f"no lane of {count} fits into the water, {lanes.width_m:.0f} m wide")
             count *= 2
-        found += [_sailed(lanes, lanes.track(count, 0.0, corner)) for corner in corners]
+        for corner in corners:
+            with suppress(Unreachable):
+                found.append(_sailed(lanes, lanes.track(count, 0.0, corner)))
+    if not found:
+        raise PlanningError("every lane has an end that no way over water leads to")
     return found
 
 
@@ -364,8 +369,13 @@ def _fitted_from(lanes: _Lanes, length_m: float, most: int, corner: tuple[int, i
             break
         whole_m = lanes.length(track.legs, fine=True)
         if whole_m <= _FINE * length_m:
-            sweep = _sailed(lanes, track)
-            whole_m = sweep.length_m + _way_home_m(lanes.water, sweep)
+            try:
+                sweep = _sailed(lanes, track)
+                whole_m = sweep.length_m + _way_home_m(lanes.water, sweep)
+            except Unreachable:
+                # A lane's middle can be reached and its end, in a pocket of the shore, can not: other lanes may do.
+                coarse_m *= _USED
+                continue
             if whole_m <= length_m and (best is None or _denser(sweep, best)):
                 best = sweep
         if _USED * length_m <= whole_m <= length_m:
