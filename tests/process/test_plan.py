@@ -37,7 +37,7 @@ def test_what_was_saved_ashore_is_planned_with_at_the_desk(tmp_path: Path) -> No
         with publisher(endpoint) as boat:
             boat.publish(Topic.HEALTH, health_notice())
             boat.publish(Topic.MODEL, model_snapshot(model, 0))
-            watching.wait_for("t=1001", count=1)
+            watching.wait_for("t=1000", count=1)
             boat.publish(Topic.MODEL, model_snapshot(model, 1))
             assert watching.wait() == 0
         assert len(snapshot.decode(saved.read_bytes())) == len(model)
