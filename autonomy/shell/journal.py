@@ -21,9 +21,9 @@ from autonomy import __version__
 from autonomy.config import Configuration, JournalSection
 from autonomy.effects import Effect
 from autonomy.events import Event, MessageReceived
+from autonomy.frames import MAXIMUM_PAYLOAD_BYTES
 from autonomy.planning.survey import SurveyArea
 from autonomy.records import encode_effects, encode_event, encode_resumed
-from autonomy.shell.frames import MAXIMUM_PAYLOAD_BYTES
 from autonomy.shell.journal_files import SCHEMA, SHAPES, VERSION, Position
 from autonomy.shell.journal_store import Limits, Packet, Row, Store
 from autonomy.shell.state_directory import state_directory

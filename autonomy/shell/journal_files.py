@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from autonomy.events import Event
+from autonomy.frames import Damage, Frame, scan
 from autonomy.records import Happened, Header, Record, RecordDecoder, RecordError, Resumed
-from autonomy.shell.frames import Damage, Frame, scan
 
 log = logging.getLogger(__name__)
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from autonomy.frames import cut_torn_tail, pack
 from autonomy.records import encode_header
 from autonomy.shell import tlog
-from autonomy.shell.frames import Damage, pack, scan
 from autonomy.shell.journal_files import JournalFile, Position, file_name, journal_files
 
 RETRY_S = 5.0
@@ -315,20 +315,6 @@ class Store:
             self._old_bytes += self._open.size
             self._open = None
             self._dirty = False
-
-
-def cut_torn_tail(path: Path) -> int:
-    """Cut what follows a file's last sound record; returns how many bytes that was. OSError if it can't be read."""
-    end, size = 0, 0
-    with path.open("rb") as file:
-        for part in scan(file):
-            size = part.end
-            if isinstance(part, Damage):
-                continue
-            end = part.end
-    if size > end:
-        os.truncate(path, end)
-    return size - end
 
 
 def _locked(path: Path) -> int:

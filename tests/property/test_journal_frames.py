@@ -5,7 +5,7 @@ import io
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from autonomy.shell.frames import MARKER, OVERHEAD_BYTES, Damage, Frame, pack, scan
+from autonomy.frames import MARKER, OVERHEAD_BYTES, Damage, Frame, pack, scan
 
 payloads = st.lists(
     st.one_of(st.binary(max_size=60), st.binary(max_size=20).map(lambda tail: MARKER + tail)),

@@ -12,9 +12,9 @@ from autonomy import cli
 from autonomy.core import Core
 from autonomy.effects import SendMessage
 from autonomy.events import Event, StopRequested
+from autonomy.frames import Frame, pack, scan
 from autonomy.records import Asked, Happened, encode_effects
 from autonomy.replay import CoreRaisedError, read_configuration, replay, run_header
-from autonomy.shell.frames import Frame, pack, scan
 from autonomy.shell.journal import Journal, make_header
 from autonomy.shell.journal_files import Entry, JournalError, Position, journal_files, read_entries
 

@@ -4,10 +4,12 @@ The checksum covers the frame's place in its file too, so that a frame quoted in
 left over from an older file, is never taken for a record.
 """
 
+import os
 import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import BinaryIO
 
 MARKER = b"\xf5HJ\x1e"
@@ -77,6 +79,20 @@ def scan(file: BinaryIO) -> Iterator[Frame | Damage]:
         end = size if following is None else following
         yield Damage(offset, end, torn=following is None)
         offset = end
+
+
+def cut_torn_tail(path: Path) -> int:
+    """Cut what follows a file's last sound record; returns how many bytes that was. OSError if it can't be read."""
+    end, size = 0, 0
+    with path.open("rb") as file:
+        for part in scan(file):
+            size = part.end
+            if isinstance(part, Damage):
+                continue
+            end = part.end
+    if size > end:
+        os.truncate(path, end)
+    return size - end
 
 
 def _checksum(offset: int, sequence: int, payload: bytes) -> int:
