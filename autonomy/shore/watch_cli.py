@@ -5,24 +5,23 @@ import json
 import math
 import os
 import queue
-import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from autonomy.config.private import PrivateFileError, read_private
-from autonomy.endpoints import Certificates, check_endpoint, is_encrypted
 from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.description import describe
 from autonomy.learning.kernel import Component
+from autonomy.shore import way
 from autonomy.shore.saving import model_bytes, replace_file
+from autonomy.shore.stopping import stop_on_signals
 from autonomy.shore.subscriber import Presence, Subscriber, Update, VehicleView
 from autonomy.shore.words import agreement, belief
 from autonomy.wire import VEHICLE_NAME, LogNotice, ModelSnapshot
@@ -38,25 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "vehicle", nargs="?", default="*", type=_vehicle, help="its name; * for all (default)"
     )
-    way = parser.add_mutually_exclusive_group(required=True)
-    way.add_argument(
-        "--listen",
-        action="append",
-        type=_endpoint,
-        metavar="ADDRESS",
-        help="be the router the vehicles dial, at this address, e.g. tcp/0.0.0.0:7447",
-    )
-    way.add_argument(
-        "--connect",
-        action="append",
-        type=_endpoint,
-        metavar="ADDRESS",
-        help="be a client of that router",
-    )
-    tls = parser.add_argument_group("certificates, for addresses that begin with tls/ or quic/ (PEM files)")
-    tls.add_argument("--ca", type=Path, metavar="FILE", help="of the authority that the others' come from")
-    tls.add_argument("--certificate", type=Path, metavar="FILE", help="our own; who listens needs one")
-    tls.add_argument("--key", type=Path, metavar="FILE", help="its private key; only its owner may read it")
+    way.add_arguments(parser)
     parser.add_argument("--png", type=Path, metavar="FILE", help="keep the latest map in this picture")
     parser.add_argument(
         "--save",
@@ -85,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         if draw is None:
             return _complain(EXIT_USAGE, "--png needs matplotlib: pip install 'halocline[shore]'")
     try:
-        certificates = _certificates(args)
+        certificates = way.certificates(args)
     except ValueError as error:
         return _complain(EXIT_USAGE, str(error))
     updates: queue.Queue[Update] = queue.Queue(_UPDATES_LIMIT)
@@ -96,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
         on_update=partial(_offer, updates),
         certificates=certificates,
     )
-    with _stop_on_signals() as stopping:
+    with stop_on_signals() as stopping:
         try:
             subscriber.start()
         except OSError as error:
@@ -259,39 +240,6 @@ def _painter() -> Callable[..., None] | None:
     return write_map
 
 
-@contextmanager
-def _stop_on_signals() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set; outside the main thread signals are somebody else's affair."""
-    stopping = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stopping
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, lambda *_: stopping.set()) for number in numbers]
-    try:
-        yield stopping
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
-
-
-def _certificates(args: argparse.Namespace) -> Certificates:
-    """What the arguments name; ValueError if it can't serve."""
-    if (args.certificate is None) != (args.key is None):
-        raise ValueError("--certificate and --key belong together")
-    if args.listen and any(map(is_encrypted, args.listen)) and (args.certificate is None or args.ca is None):
-        raise ValueError("to listen with tls/ or quic/ needs --ca, --certificate and --key")
-    for option, file in (("--ca", args.ca), ("--certificate", args.certificate)):
-        if file is not None and not os.access(file, os.R_OK):
-            raise ValueError(f"{option}: no readable file {str(file)!a}")
-    if args.key is not None:
-        try:
-            read_private(args.key, os.environ)
-        except PrivateFileError as error:
-            raise ValueError(f"--key: {error}") from None
-    return Certificates(args.ca, args.certificate, args.key)
-
-
 def _offer(updates: "queue.Queue[Update]", update: Update) -> None:
     """Pass on what gets a line; a terminal that is held up loses the oldest."""
     if not isinstance(update.value, ModelSnapshot | Presence | LogNotice):
@@ -320,13 +268,6 @@ def _vehicle(text: str) -> str:
     if text != "*" and not VEHICLE_NAME.fullmatch(text):
         raise argparse.ArgumentTypeError(f"must be * or match {VEHICLE_NAME.pattern} (got {text!r})")
     return text
-
-
-def _endpoint(text: str) -> str:
-    try:
-        return check_endpoint(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _positive_count(text: str) -> int:
