@@ -1,0 +1,1 @@
+"""The page of the people ashore: an HTTP server of everything that the vehicles publish. Needs aiohttp."""

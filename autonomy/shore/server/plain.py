@@ -1,0 +1,103 @@
+"""What goes to the page, as plain lists and maps: the shapes of docs/page.md."""
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from autonomy.geometry import LocalFrame
+from autonomy.learning.calibration import CalibrationFigures
+from autonomy.learning.kernel import Component
+from autonomy.wire import HealthNotice, ModelSnapshot, ObservationNotice, PlanNotice
+
+Plain = dict[str, Any]
+
+_EDGE_PIECES = 9
+
+
+def dumps(value: Any) -> str:
+    """JSON, which has neither NaN nor infinity: they become null."""
+    try:
+        return json.dumps(value, allow_nan=False, separators=(",", ":"))
+    except ValueError:
+        return json.dumps(known(value), allow_nan=False, separators=(",", ":"))
+
+
+def known(value: Any) -> Any:
+    """The same value with None for every number that is not finite."""
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case dict():
+            return {name: known(each) for name, each in value.items()}
+        case list() | tuple():
+            return [known(each) for each in value]
+        case _:
+            return value
+
+
+def model(value: ModelSnapshot, stamp_s: float) -> Plain:
+    """What a snapshot says of the field and of itself; `stamp_s` is the slider's stop that it belongs to."""
+    kernel = value.model.kernel
+    frame = LocalFrame(value.origin_lat_deg, value.origin_lon_deg)
+    return {
+        "sequence": value.sequence,
+        "utc_s": value.utc_s,
+        "stamp_s": stamp_s,
+        "model_time_s": value.model_time_s,
+        "samples": value.samples,
+        "rho": value.rho,
+        "kernel": [_component(component) for component in kernel.components],
+        "noise_sd": math.sqrt(kernel.noise_variance),
+        "transform": value.model.transform.name,
+        "basis": np.round(frame.to_geodetic(value.model.basis), 7).tolist(),
+        "calibration": figures(value.calibration),
+        "ahead": figures(value.ahead),
+        "replans": value.replans,
+        "software_version": value.software_version,
+        "variable": value.variable,
+        "units": value.units,
+    }
+
+
+def _component(component: Component) -> Plain:
+    return {
+        "variance": component.variance,
+        "space": component.space.name,
+        "lengthscales_m": list(component.space.lengthscales_m),
+        "time": component.time.name,
+        "timescale_s": component.time.timescale_s,
+    }
+
+
+def figures(value: CalibrationFigures) -> Plain:
+    """How readings agreed with what had been said of them."""
+    return asdict(value)
+
+
+def plan(value: PlanNotice, stamp_s: float) -> Plain:
+    """A plan, and when it came."""
+    return {**asdict(value), "utc_s": stamp_s}
+
+
+def health(value: HealthNotice, stamp_s: float) -> Plain:
+    """A health notice, and when it came."""
+    return {**asdict(value), "utc_s": stamp_s}
+
+
+def observations(values: Iterable[ObservationNotice]) -> list[list[float]]:
+    """Rows of the vehicle's time, latitude, longitude, value, flag."""
+    return [[one.model_time_s, one.lat_deg, one.lon_deg, one.value, one.flag] for one in values]
+
+
+def bounds(value: ModelSnapshot) -> Plain:
+    """The smallest rectangle of degrees around the survey area's rectangle of local metres."""
+    x_min, y_min, x_max, y_max = value.bounds_m
+    x, y = np.linspace(x_min, x_max, _EDGE_PIECES), np.linspace(y_min, y_max, _EDGE_PIECES)
+    edge = [(a, b) for a in x for b in (y_min, y_max)] + [(a, b) for a in (x_min, x_max) for b in y]
+    degrees = LocalFrame(value.origin_lat_deg, value.origin_lon_deg).to_geodetic(edge)
+    (south, west), (north, east) = degrees.min(axis=0).tolist(), degrees.max(axis=0).tolist()
+    return {"south": south, "west": west, "north": north, "east": east}
