@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from autonomy.commands.configuration import add_override_argument, doubts, load_with_survey, tell
+from autonomy.commands.places import place
 from autonomy.config import Configuration, ConfigurationError
 from autonomy.geometry import FloatArray
 from autonomy.planning.survey import SurveyArea
@@ -51,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--picture", type=Path, metavar="FILE", help="a picture of the plan (PNG)")
     parser.add_argument(
         "--start",
-        type=_place,
+        type=place,
         metavar="LAT,LON",
         help="where the vessel begins; without it where the checkpoint had it, at budget.home, or in the south-west "
         "(for a southern latitude: --start=-33.5,18.4)",
@@ -256,16 +257,6 @@ def _hours(seconds: float) -> str:
 def _failed(why: str, code: int) -> int:
     sys.stderr.write(f"autonomy plan: {why}\n")
     return code
-
-
-def _place(text: str) -> tuple[float, float]:
-    try:
-        lat_deg, lon_deg = map(float, text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be LATITUDE,LONGITUDE in degrees (got {text!r})") from None
-    if not (-90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 360.0):
-        raise argparse.ArgumentTypeError(f"no such place: latitude {lat_deg:g}, longitude {lon_deg:g}")
-    return lat_deg, lon_deg
 
 
 def _kilometres(text: str) -> float:

@@ -7,20 +7,23 @@ from typing import Any
 from shapely.geometry.base import BaseGeometry
 
 from autonomy.planning.errors import SurveyError
-from autonomy.planning.rings import Position, area_of, check_closed, finite, position, shown
+from autonomy.planning.rings import Drawn, Position, area_of, check_closed, finite, position, shown
+
+ROLES = ("area", "keep_in", "keep_out", "land")
+"""What the property `role` of a feature may say of its polygons; anything else there is somebody else's."""
 
 _ORDER = "GeoJSON has the longitude first, then the latitude"
 
 
-def geojson_polygons(path: Path, content: dict[str, Any]) -> list[BaseGeometry]:
-    """The polygons of a GeoJSON file.
+def geojson_drawn(path: Path, content: dict[str, Any]) -> list[Drawn]:
+    """The features of a GeoJSON file.
 
     Args:
         path: where it came from, for messages.
         content: a Feature, a FeatureCollection or a bare geometry; Polygon or MultiPolygon; longitude first.
 
     Returns:
-        Valid polygons and multipolygons in degrees, x longitude, y latitude; none for an empty collection.
+        One for each feature, with its name and role; none for an empty collection.
 
     Raises:
         SurveyError: it is no GeoJSON, or a feature in it is no valid polygon.
@@ -36,16 +39,24 @@ def geojson_polygons(path: Path, content: dict[str, Any]) -> list[BaseGeometry]:
         raise SurveyError(
             f"{path}: its coordinates are in {shown(told)}; convert it to longitude and latitude on WGS84 (EPSG:4326)"
         )
-    return [_polygons(geometry, f"{path}: {label}") for label, geometry in _features(path, content)]
+    return [_drawn(f"{path}: {label}", feature) for label, feature in _features(path, content)]
+
+
+def _drawn(where: str, feature: dict[str, Any]) -> Drawn:
+    properties = feature.get("properties")
+    said = properties if isinstance(properties, dict) else {}
+    names = (said["name"],) if isinstance(said.get("name"), str) else ()
+    role = next((role for role in ROLES if role == said.get("role")), None)
+    return Drawn(where, _polygons(feature.get("geometry"), where), names, role)
 
 
 def _features(path: Path, content: dict[str, Any]) -> list[tuple[str, Any]]:
-    """(label, geometry object) of everything in the file."""
+    """(label, feature object) of everything in the file."""
     kind = content["type"]
     if kind == "Feature":
-        return [(_label(content, None), content.get("geometry"))]
+        return [(_label(content, None), content)]
     if kind != "FeatureCollection":
-        return [("the geometry", content)]
+        return [("the geometry", {"geometry": content})]
     features = content.get("features")
     if not isinstance(features, list):
         raise SurveyError(f'{path}: the FeatureCollection has no list "features"')
@@ -53,7 +64,7 @@ def _features(path: Path, content: dict[str, Any]) -> list[tuple[str, Any]]:
     for index, feature in enumerate(features):
         if not isinstance(feature, dict) or feature.get("type") != "Feature":
             raise SurveyError(f'{path}: features[{index}] is not an object of "type": "Feature"')
-        labelled.append((_label(feature, index), feature.get("geometry")))
+        labelled.append((_label(feature, index), feature))
     return labelled
 
 

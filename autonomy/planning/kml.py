@@ -18,7 +18,7 @@ from xml.parsers import expat
 from shapely.geometry.base import BaseGeometry
 
 from autonomy.planning.errors import SurveyError
-from autonomy.planning.rings import Position, area_of, check_closed, position, shown
+from autonomy.planning.rings import Drawn, Position, area_of, check_closed, position, shown
 
 LARGEST_BYTES = 32_000_000
 """Of a document, unpacked."""
@@ -28,6 +28,8 @@ _MOST_ELEMENTS = 200_000
 _MOST_MEMBERS = 10_000
 _ORDER = "KML has the longitude first, then the latitude, then the altitude, without spaces"
 _LINES = frozenset({"LineString", "LinearRing", "Track", "MultiTrack"})
+_NAMED = frozenset({"Placemark", "Folder"})
+"""Whose names tell what a polygon is; that of the document is only the file's."""
 
 
 @dataclass(slots=True)
@@ -43,11 +45,11 @@ class _Element:
         return [element for element in self.inside if element.name == name]
 
 
-def kml_polygons(path: Path, data: bytes) -> list[BaseGeometry]:
+def kml_drawn(path: Path, data: bytes) -> list[Drawn]:
     """The polygons of a KML document.
 
     Returns:
-        Valid polygons in degrees, x longitude, y latitude; at least one.
+        At least one, with the names of its placemark and folders.
 
     Raises:
         SurveyError: it is no KML, holds no polygon or one that is not valid, or a line.
@@ -57,7 +59,14 @@ def kml_polygons(path: Path, data: bytes) -> list[BaseGeometry]:
     if not reader.polygons:
         linked = " (its NetworkLinks are not followed: save what they show)" if reader.has_links else ""
         raise SurveyError(f"{path}: has no polygon in it{linked}; at least one Polygon is needed")
-    return [_polygon(path, element) for element in reader.polygons]
+    return [
+        Drawn(
+            f"{path}:{element.line}",
+            _polygon(path, element),
+            tuple("".join(each.text).strip() for each in within),
+        )
+        for element, within in reader.polygons
+    ]
 
 
 def kmz_document(path: Path, data: bytes) -> bytes:
@@ -100,7 +109,8 @@ class _Reader:
     """Feeds a document through expat, keeping polygons only."""
 
     def __init__(self, path: Path) -> None:
-        self.polygons: list[_Element] = []
+        self.polygons: list[tuple[_Element, list[_Element]]] = []
+        """Each with the placemark and the folders round it, the innermost first."""
         self.has_links = False
         self._path = path
         self._open: list[_Element] = []
@@ -149,7 +159,8 @@ class _Reader:
             self._open[-1].inside.append(element)
         elif name == "Polygon":
             self._polygon_depth = len(self._open)
-            self.polygons.append(element)
+            named = [each for each in reversed(self._open) if each.name in _NAMED]
+            self.polygons.append((element, named))
         self._open.append(element)
 
     def _end(self, _: str) -> None:
@@ -160,6 +171,8 @@ class _Reader:
     def _text(self, text: str) -> None:
         if self._open and self._open[-1].name == "coordinates":
             self._open[-1].text.append(text)
+        elif len(self._open) > 1 and self._open[-1].name == "name" and self._open[-2].name in _NAMED:
+            self._open[-2].text.append(text)
 
     def _mistake(self, what: str) -> SurveyError:
         return SurveyError(f"{self._path}:{self._parser.CurrentLineNumber}: {what}")

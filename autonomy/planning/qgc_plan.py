@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from autonomy.geometry import LocalFrame
 from autonomy.planning.errors import SurveyError
-from autonomy.planning.rings import Position, area_of, finite, position, shown
+from autonomy.planning.rings import Drawn, Position, area_of, finite, position, shown
 
 _ORDER = "a plan has the latitude first, then the longitude"
 _LARGEST_RADIUS_M = 200e3
@@ -32,16 +32,9 @@ def survey_polygons(path: Path, content: dict[str, Any]) -> list[BaseGeometry]:
         SurveyError: it has neither, or they are malformed.
     """
     _check(path, content)
-    mission = content.get("mission")
-    items = mission.get("items") if isinstance(mission, dict) else None
-    items = items if isinstance(items, list) else []
-    polygons = [
-        _polygon(item.get("polygon"), f"{path}: mission.items[{index}] (survey)")
-        for index, item in enumerate(items)
-        if isinstance(item, dict) and item.get("complexItemType") == "survey"
-    ]
-    if polygons:
-        return polygons
+    patterns = _patterns(path, content)
+    if patterns:
+        return [each.shape for each in patterns]
     if not _zones(path, content, inclusion=True):
         raise SurveyError(
             f"{path}: has neither a survey pattern nor an inclusion fence; draw one of them round the survey area"
@@ -56,7 +49,7 @@ def inclusion_polygons(path: Path, content: dict[str, Any]) -> list[BaseGeometry
         SurveyError: there are none, they have nothing in common, or they are malformed.
     """
     _check(path, content)
-    zones = _zones(path, content, inclusion=True)
+    zones = [each.shape for each in _zones(path, content, inclusion=True)]
     if not zones:
         raise SurveyError(f"{path}: its fence has no inclusion zone; the vessel would have nowhere to stay")
     common = shapely.intersection_all(zones)
@@ -79,7 +72,34 @@ def exclusion_polygons(path: Path, content: dict[str, Any]) -> list[BaseGeometry
         raise SurveyError(
             f"{path}: its fence has no exclusion zone, so it says nothing about where not to go"
         )
-    return zones
+    return [each.shape for each in zones]
+
+
+def plan_drawn(path: Path, content: dict[str, Any]) -> list[Drawn]:
+    """Survey patterns and zones, each for itself, with its role.
+
+    Raises:
+        SurveyError: there are none, or they are malformed.
+    """
+    _check(path, content)
+    zones = [_zones(path, content, inclusion=inclusion) for inclusion in (True, False)]
+    drawn = [*_patterns(path, content), *zones[0], *zones[1]]
+    if not drawn:
+        raise SurveyError(
+            f"{path}: has neither a survey pattern nor a fence; draw one of them round the survey area"
+        )
+    return drawn
+
+
+def _patterns(path: Path, content: dict[str, Any]) -> list[Drawn]:
+    mission = content.get("mission")
+    items = mission.get("items") if isinstance(mission, dict) else None
+    wheres = {
+        f"{path}: mission.items[{index}] (survey)": item.get("polygon")
+        for index, item in enumerate(items if isinstance(items, list) else [])
+        if isinstance(item, dict) and item.get("complexItemType") == "survey"
+    }
+    return [Drawn(where, _polygon(corners, where), role="area") for where, corners in wheres.items()]
 
 
 def _check(path: Path, content: dict[str, Any]) -> None:
@@ -87,13 +107,13 @@ def _check(path: Path, content: dict[str, Any]) -> None:
         raise SurveyError(f'{path}: is JSON but no QGroundControl plan: "fileType": "Plan" is missing')
 
 
-def _zones(path: Path, content: dict[str, Any], *, inclusion: bool) -> list[BaseGeometry]:
+def _zones(path: Path, content: dict[str, Any], *, inclusion: bool) -> list[Drawn]:
     fence = content.get("geoFence")
     if fence is None:
         return []
     if not isinstance(fence, dict):
         raise SurveyError(f'{path}: "geoFence" is not an object')
-    zones = []
+    zones, role = [], "keep_in" if inclusion else "keep_out"
     for kind, read in (("polygons", _polygon_zone), ("circles", _circle_zone)):
         entries = fence.get(kind, [])
         if not isinstance(entries, list):
@@ -103,7 +123,7 @@ def _zones(path: Path, content: dict[str, Any], *, inclusion: bool) -> list[Base
             if not isinstance(entry, dict) or not isinstance(entry.get("inclusion"), bool):
                 raise SurveyError(f'{where}: is not an object with "inclusion": true or false')
             if entry["inclusion"] is inclusion:
-                zones.append(read(entry, where))
+                zones.append(Drawn(where, read(entry, where), role=role))
     return zones
 
 

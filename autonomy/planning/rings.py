@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import shapely
@@ -15,6 +16,23 @@ Position = tuple[float, float]
 
 _SHOWN = 60
 """Characters of a file's own text that go into a message."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What somebody has drawn.
+
+    Attributes:
+        where: file and place in it.
+        shape: a valid polygon or multipolygon in degrees, x longitude, y latitude.
+        names: its own, then those of the folders that it lies in, the innermost first.
+        role: what it says itself that it is: area, keep_in, keep_out or land; None: nothing.
+    """
+
+    where: str
+    shape: BaseGeometry
+    names: tuple[str, ...] = ()
+    role: str | None = None
 
 
 def shown(text: object) -> str:
