@@ -48,7 +48,7 @@ class MissionDownload:
         DONE       -                    -                     -                 -
         FAILED     -                    -                     -                 -
 
-    [a] n = 0: DONE. n above 1000: FAILED. [b] After six requests without an answer: FAILED. [c] After 4 s of
+    [a] n = 0: DONE. n above 1000: FAILED. [b] After twelve requests without an answer: FAILED. [c] After 4 s of
     silence: LISTING; after twelve attempts: FAILED. Other errors may be late echoes of an upload; true ones are
     the timer's. Whatever the vehicle says: after `limit_s` of protocol time, and half a second for each item of
     the longest mission it has announced, FAILED. A vehicle that does not know the mission type has none of it:

@@ -12,7 +12,11 @@ COUNT_INTERVAL_S = 1.5
 ITEM_INTERVAL_S = 0.25
 BUSY_INTERVAL_S = 2.0
 SILENCE_S = 4.0
-COUNT_REPEATS = 6
+ABANDONED_S = 9.0
+"""ArduPilot asks for an item again every second, and ends an upload after eight silent ones: begun anew before that,
+it would only lose what has got through."""
+
+COUNT_REPEATS = 12
 ATTEMPTS = 12
 _GROWTH = 1.5
 _KINDS = ("MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK")
@@ -63,11 +67,11 @@ class MissionUpload:
         FAILED     -        -             -          -               -               -        -
 
     Every request is answered with its item, in SENT too: the vehicle may have missed what we take as sent.
-    [a] After six counts without an answer: FAILED.
+    [a] After twelve counts without an answer: FAILED.
     [b] Only once the last item was asked for: an earlier ACK 0 belongs to someone else. An error then
         means that the vehicle doesn't wait for items any more.
-    [c] The item last asked for. After 4 s without a request: SENT if the mission's last item was asked for
-        (the final ACK got lost), otherwise ANNOUNCED.
+    [c] The item last asked for. SENT after 4 s without a request if the mission's last item was asked for (the
+        final ACK got lost), otherwise ANNOUNCED after 9 s.
     [d] After twelve attempts: FAILED.
 
     ArduPilot answers an item it didn't expect, a doubled one for instance, with 13 (invalid sequence) and
@@ -130,8 +134,10 @@ class MissionUpload:
             return self._announce(now)
         if self.state is Upload.BUSY:
             return self._again(now)
-        if now - self._heard_at >= SILENCE_S:
-            return self._finish() if self._asked_for_last else self._again(now)
+        if self._asked_for_last and now - self._heard_at >= SILENCE_S:
+            return self._finish()
+        if now - self._heard_at >= ABANDONED_S:
+            return self._again(now)
         self._repeats += 1
         return self._send_item(now, self._last)
 

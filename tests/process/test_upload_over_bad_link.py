@@ -1,4 +1,4 @@
-"""Missions to the simulated vessel, a process of its own, over real UDP that loses, doubles and reorders.
+"""Missions to the simulated vessel, a process of its own, over real UDP that loses, doubles, reorders and damages.
 
 HALOCLINE_UPLOADS sets how many are sent at the wall clock's pace (one, unless set); two go at ten times it beside them.
 """
@@ -32,9 +32,10 @@ pytestmark = pytest.mark.process
 
 
 def bad_link(seed: int) -> BadLink:
-    """One direction: a fifth is lost, a tenth doubled, and what arrives is mixed up."""
+    """One direction: three in ten are lost, one doubled, one in a hundred damaged, and what arrives is mixed up."""
+    rng = np.random.default_rng(seed)
     return BadLink(
-        np.random.default_rng(seed), loss=0.2, duplication=0.1, reordering=0.1, jitter_s=0.03, held_s=0.05
+        rng, loss=0.3, duplication=0.1, reordering=0.1, corruption=0.01, jitter_s=0.03, held_s=0.05
     )
 
 

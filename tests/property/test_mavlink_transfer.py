@@ -1,6 +1,7 @@
-"""Missions over links that lose, double and reorder, against the simulated autopilot, in simulated time."""
+"""Missions over links that lose, double, reorder and damage, against the simulated autopilot, in simulated time."""
 
 import heapq
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,37 +13,46 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autonomy.mavlink.codec import Codec
 from autonomy.mavlink.mission import MissionTransfer, Route, Verified, missions_equal, waypoint
 from sim.autopilot.machine import Autopilot, Options
+from sim.link import BadLink
 from sim.vessel import Position, Vessel
 
 TICK_S = 0.02
+UPLOADS = 100
+BAD: dict[str, Any] = {"loss": 0.2, "duplication": 0.2, "jitter_s": 0.2}
+WORSE: dict[str, Any] = {
+    "loss": 0.3,
+    "duplication": 0.1,
+    "reordering": 0.1,
+    "corruption": 0.01,
+    "jitter_s": 0.2,
+}
 ROUTE = Route(own_system=1, own_component=191, vehicle_system=1, vehicle_component=1)
 
 
-class BadLink:
-    """Delivers packets late, twice or not at all; late ones overtake each other."""
+class Lane:
+    """One direction of a bad link, with what is under way on it; late packets overtake each other."""
 
-    def __init__(self, rng: np.random.Generator, loss: float, doubled: float, delay_s: float) -> None:
-        self.rng, self.loss, self.doubled, self.delay_s = rng, loss, doubled, delay_s
-        self.queue: list[tuple[float, int, bytes]] = []
-        self.sent = 0
+    def __init__(self, link: BadLink) -> None:
+        self._link = link
+        self._queue: list[tuple[float, int, bytes]] = []
+        self._sent = 0
 
     def send(self, now: float, data: bytes) -> None:
-        for _ in range(2 if self.rng.random() < self.doubled else 1):
-            if self.rng.random() >= self.loss:
-                self.sent += 1
-                heapq.heappush(self.queue, (now + self.delay_s * self.rng.random(), self.sent, data))
+        for at, packet in self._link.transmit(now, data):
+            self._sent += 1
+            heapq.heappush(self._queue, (at, self._sent, packet))
 
     def due(self, now: float) -> list[bytes]:
         packets = []
-        while self.queue and self.queue[0][0] <= now:
-            packets.append(heapq.heappop(self.queue)[2])
+        while self._queue and self._queue[0][0] <= now:
+            packets.append(heapq.heappop(self._queue)[2])
         return packets
 
 
 class Run:
     """A transfer and an autopilot with a bad link between them, on a clock of their own."""
 
-    def __init__(self, transfer: MissionTransfer, autopilot: Autopilot, up: BadLink, down: BadLink) -> None:
+    def __init__(self, transfer: MissionTransfer, autopilot: Autopilot, up: Lane, down: Lane) -> None:
         self.transfer, self.autopilot, self.up, self.down = transfer, autopilot, up, down
         self.ours, self.theirs = Codec(1, 191), Codec(1, 1)
         self.now = 0.0
@@ -87,16 +97,11 @@ def mission(rng: np.random.Generator, length: int) -> list[Any]:
     return [waypoint(33.5 + lat, -118.5 + lon, acceptance_radius_m=5.0) for lat, lon in places]
 
 
-def upload(seed: int, length: int, loss: float, doubled: float, delay_s: float, **options: Any) -> Run:
+def upload(seed: int, length: int, link: Mapping[str, Any], **options: Any) -> Run:
     rng = np.random.default_rng(seed)
     autopilot = Autopilot(Vessel(Position(33.5, -118.5)), options=Options(**options))
-    items = mission(rng, length)
-    run = Run(
-        MissionTransfer(items, ROUTE),
-        autopilot,
-        BadLink(rng, loss, doubled, delay_s),
-        BadLink(rng, loss, doubled, delay_s),
-    )
+    lanes = (Lane(BadLink(rng, **link)) for _ in range(2))
+    run = Run(MissionTransfer(mission(rng, length), ROUTE), autopilot, *lanes)
     run.finish()
     return run
 
@@ -105,7 +110,7 @@ def in_auto(seed: int, items: list[Any]) -> Run:
     """A boat that sails `items` in AUTO, with a bad link to us."""
     rng = np.random.default_rng(seed)
     autopilot = Autopilot(Vessel(Position(33.5, -118.5)))
-    run = Run(MissionTransfer(items, ROUTE), autopilot, *(BadLink(rng, 0.2, 0.2, 0.2) for _ in range(2)))
+    run = Run(MissionTransfer(items, ROUTE), autopilot, *(Lane(BadLink(rng, **BAD)) for _ in range(2)))
     run.finish()
     run.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     run.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 10)
@@ -127,9 +132,9 @@ def on_board(autopilot: Autopilot) -> list[tuple[int, int]]:
     return [(item.x, item.y) for item in autopilot.store.items(0)[1:]]
 
 
-@pytest.mark.parametrize("seed", range(50))
-def test_thirty_items_over_a_link_that_loses_every_fifth_packet(seed: int) -> None:
-    run = upload(seed, length=30, loss=0.2, doubled=0.2, delay_s=0.2)
+@pytest.mark.parametrize("seed", range(UPLOADS))
+def test_thirty_items_over_a_link_that_loses_doubles_mixes_up_and_damages_them(seed: int) -> None:
+    run = upload(seed, 30, WORSE)
     assert isinstance(run.transfer.outcome, Verified), run.transfer.outcome
     assert run.now <= 60.0
     assert on_board(run.autopilot) == [(item.x, item.y) for item in run.transfer.items]
@@ -141,13 +146,15 @@ def test_thirty_items_over_a_link_that_loses_every_fifth_packet(seed: int) -> No
     length=st.integers(1, 20),
     loss=st.floats(0, 0.5),
     doubled=st.floats(0, 0.5),
+    damaged=st.floats(0, 0.2),
     delay_s=st.floats(0, 0.6),
     request_int=st.booleans(),
 )
 def test_verified_means_on_board_whatever_the_link_does(
-    seed: int, length: int, loss: float, doubled: float, delay_s: float, request_int: bool
+    seed: int, length: int, loss: float, doubled: float, damaged: float, delay_s: float, request_int: bool
 ) -> None:
-    run = upload(seed, length, loss, doubled, delay_s, request_int=request_int)
+    link = {"loss": loss, "duplication": doubled, "corruption": damaged, "jitter_s": delay_s}
+    run = upload(seed, length, link, request_int=request_int)
     if isinstance(run.transfer.outcome, Verified):
         assert missions_equal(run.transfer.items, run.transfer.outcome.mission)
         assert on_board(run.autopilot) == [(item.x, item.y) for item in run.transfer.items]

@@ -184,7 +184,7 @@ class TestUpload:
         assert (upload.state, upload.touched) == (Upload.FAILED, False)
         assert "no space" in upload.reason
 
-    def test_a_silent_vehicle_is_asked_six_times(self) -> None:
+    def test_a_silent_vehicle_is_asked_twelve_times(self) -> None:
         upload = MissionUpload(ITEMS, ROUTE)
         counts = len(upload.start(0.0))
         for _ in range(20):
@@ -192,7 +192,7 @@ class TestUpload:
             if deadline is None:
                 break
             counts += len(upload.on_deadline(deadline))
-        assert counts == 6
+        assert counts == 12
         assert (upload.state, upload.touched) == (Upload.FAILED, True)
 
     def test_a_lost_item_is_sent_again_after_a_quarter_second(self) -> None:
@@ -203,13 +203,18 @@ class TestUpload:
         assert upload.on_deadline(1.2) == []
         assert sequence_numbers(upload.on_deadline(1.25)) == [0]
 
-    def test_four_silent_seconds_begin_again_or_end(self) -> None:
-        for served, state in (([0], Upload.ANNOUNCED), ([0, 1], Upload.SENT)):
+    def test_silence_ends_an_upload_or_begins_it_again_when_the_vehicle_has_given_it_up(self) -> None:
+        for served, silent_s, state in (
+            ([0, 1], 3.9, Upload.SERVING),
+            ([0, 1], 4.0, Upload.SENT),
+            ([0], 8.9, Upload.SERVING),
+            ([0], 9.0, Upload.ANNOUNCED),
+        ):
             upload = MissionUpload(ITEMS, ROUTE)
             upload.start(0.0)
             for seq in served:
                 upload.handle(0.0, request(seq))
-            upload.on_deadline(4.0)
+            upload.on_deadline(silent_s)
             assert upload.state is state
 
     def test_cancelling_tells_the_vehicle(self) -> None:
