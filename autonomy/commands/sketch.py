@@ -96,11 +96,8 @@ def sketch(files: Sequence[tuple[Role | None, Path]], fence: Sequence[Drawn] = (
     if not any(each.role == "area" for each in parts):
         parts, notes = _area_from_fence(parts)
     found = Sketch(tuple(each for each in parts if not each.shape.is_empty), tuple(notes))
-    if "keep_in" in found.roles and found.shape("keep_in").area == 0.0:
-        wheres = "; ".join(each.where for each in parts if each.role == "keep_in")
-        raise SurveyError(
-            f"these have no area in common, and a vessel must stay inside all of them: {wheres}"
-        )
+    if "keep_in" in found.roles:
+        _check_keep_in(found)
     return found
 
 
