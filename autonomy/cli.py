@@ -8,6 +8,7 @@ from autonomy.verbs import Verb, leave, run_verb
 _VERBS = {
     "run": Verb("autonomy.commands.run", "run the service on board"),
     "survey": Verb("autonomy.commands.survey_import", "make the survey's file of what was drawn elsewhere"),
+    "init": Verb("autonomy.commands.init", "write a first configuration, from five answers"),
     "check-config": Verb("autonomy.commands.check_config", "check configuration files"),
     "show-config": Verb(
         "autonomy.commands.show_config", "show the configuration and where each value comes from"

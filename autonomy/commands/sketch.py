@@ -138,6 +138,11 @@ def _zone(zone: Zone, where: str) -> Drawn:
     return plan_drawn(Path(where), {"fileType": "Plan", "geoFence": {kind: [entry]}})[0]
 
 
+def roles_by_name(drawn: Iterable[Drawn]) -> set[str]:
+    """What some drawings say that they are, by themselves or by their names."""
+    return {role for each in drawn if (role := _named(each).role) is not None}
+
+
 def _named(drawn: Drawn) -> Drawn:
     """The drawing with the role that its name, or else that of a folder round it, begins with."""
     if drawn.role is not None:
