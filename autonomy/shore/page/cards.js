@@ -30,8 +30,10 @@ export class Cards {
     this.element = element(
       "aside", { class: "cards", "aria-label": "Details" },
       card("Vehicle", this.vehicle), card("What it believes", this.belief), card("Can the map be trusted?", this.trust),
-      card("Checks of the probe", this.quality), card("Log", this.log),
+      card("Checks of the probe", this.quality),
     );
+    this.logElement = card("Log", this.log);
+    this.logElement.classList.add("log-card");
   }
 
   showHealth(health) {

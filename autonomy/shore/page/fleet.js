@@ -61,7 +61,7 @@ export class FleetList {
     const shown = this.shown.includes(name);
     row.button.setAttribute("aria-pressed", String(shown));
     row.beside.setAttribute("aria-pressed", String(shown));
-    row.beside.hidden = this.fleet.vehicles.size < 2;
+    row.beside.hidden = this.fleet.vehicles.size < 2 || (shown && this.shown.length < 2);
     const words = shown && this.shown.length > 1 ? `Close ${name}` : `Show ${name} side by side`;
     row.beside.setAttribute("aria-label", words);
     row.beside.title = words;

@@ -77,6 +77,11 @@ export class FieldMap {
     this.bar.setAttribute("aria-label", this.range ? barText(title, unitText(units), this.range) : "no colours yet");
   }
 
+  /** As high as the survey is, for its width. */
+  shape(aspect) {
+    this.surface.style.setProperty("--aspect", aspect.toFixed(3));
+  }
+
   draw() {
     if (!this.#frame) this.#frame = requestAnimationFrame(() => {
       this.#frame = 0;

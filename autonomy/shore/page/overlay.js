@@ -157,8 +157,8 @@ export function drawCross(pen, view, { lat, lon }) {
 export function drawGraticule(pen, view, font) {
   const { south, west, north, east } = view.window();
   const { width, height } = view;
-  const lats = graticule(south, north, Math.max(2, height / 90));
-  const lons = graticule(west, east, Math.max(2, width / 110));
+  const lats = graticule(south, north, Math.max(3, height / 75));
+  const lons = graticule(west, east, Math.max(2, width / 100));
   pen.fillStyle = themed("--panel");
   pen.fillRect(0, 0, FRAME.left, height);
   pen.fillRect(0, height - FRAME.bottom, width, FRAME.bottom);
@@ -200,12 +200,12 @@ export function drawGridLines(pen, view) {
   pen.strokeStyle = "rgb(255 255 255 / 13%)";
   pen.lineWidth = 1;
   pen.beginPath();
-  for (const lon of graticule(west, east, Math.max(2, view.width / 110)).values) {
+  for (const lon of graticule(west, east, Math.max(2, view.width / 100)).values) {
     const x = Math.round(view.x(lon)) + 0.5;
     pen.moveTo(x, 0);
     pen.lineTo(x, view.height);
   }
-  for (const lat of graticule(south, north, Math.max(2, view.height / 90)).values) {
+  for (const lat of graticule(south, north, Math.max(3, view.height / 75)).values) {
     const y = Math.round(view.y(lat)) + 0.5;
     pen.moveTo(0, y);
     pen.lineTo(view.width, y);
@@ -217,8 +217,8 @@ export function drawGridLines(pen, view) {
 export function drawScale(pen, view, font) {
   const length = roundStep((view.metresPerPixel * Math.min(120, view.width / 4)) / 1.6);
   const pixels = length / view.metresPerPixel;
-  const x = FRAME.left + 12;
-  const y = view.height - FRAME.bottom - 12;
+  const x = FRAME.left + 18;
+  const y = view.height - FRAME.bottom - 20;
   const text = distance(length).replace(/\.0+(?=\s)/, "");
   pen.font = `600 ${font}`;
   pen.textAlign = "left";

@@ -62,7 +62,7 @@ export class Panel {
           element("div", { class: "maps" }, ...this.maps.map((map) => map.element)),
           element("div", { class: "below-maps" }, this.legend.element, this.plan),
           this.timeline.element, this.charts.element, this.probe.spoken),
-        this.cards.element),
+        this.cards.element, this.cards.logElement),
     );
   }
 
@@ -106,7 +106,10 @@ export class Panel {
   #apply(due) {
     const has = (...kinds) => due.has("all") || kinds.some((kind) => due.has(kind));
     const { survey, model, health, plan, log, history } = this.vehicle;
-    if (survey?.bounds && has("survey", "model")) this.view.setHome(survey.bounds);
+    if (survey?.bounds && has("survey", "model")) {
+      this.view.setHome(survey.bounds);
+      for (const map of this.maps) map.shape(this.view.aspect);
+    }
     if (has("model") && model && this.timeline.stamp === null) this.raster.refresh("now");
     if (has("model") && history) this.timeline.update(history.models);
     if (has("model", "plan", "survey") && history) this.#drawCharts();
@@ -139,7 +142,6 @@ export class Panel {
   #momentChanged() {
     this.raster.refresh(this.#at());
     if (this.vehicle.history) this.#drawCharts();
-    this.charts.redraw();
     this.#redraw();
   }
 

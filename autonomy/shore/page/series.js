@@ -3,6 +3,7 @@
 import uPlot from "./vendor/uPlot.esm.js";
 import { element, themed } from "./dom.js";
 import { fixed, significant, unitText, utc } from "./format.js";
+import { stepDecimals } from "./ticks.js";
 
 const HEIGHT = 118;
 const COLOURS = ["--series-1", "--series-2", "--series-3", "--series-4"];
@@ -11,7 +12,7 @@ const DASH = [5, 4];
 /** What each chart shows: `lines(vehicle)` gives { times, values: [[…]], names, marks } or null while there is nothing. */
 const CHARTS = [
   {
-    title: "New basis vectors, ρ",
+    title: "Novelty ρ",
     lines: ({ series, rho0 }) => ({
       values: [series.rho, rho0 === null ? null : series.utc_s.map(() => rho0)],
       names: ["ρ", "ρ₀, re-estimates above"], digits: (value) => fixed(value, 2), low: 0, high: Math.max(1, rho0 ?? 0),
@@ -27,20 +28,20 @@ const CHARTS = [
     now: ({ series, capacity }) => `${series.basis_size.at(-1)}${capacity ? ` of ${capacity}` : ""}`,
   },
   {
-    title: "Length-scales (km)",
+    title: "Length-scales",
     lines: ({ series }) => {
       const scales = distinct(series.lengthscales_m);
       return { values: scales, names: scales.map((_, index) => `length-scale ${index + 1}`), digits: (value) => significant(value), low: 0, solid: true };
     },
-    now: ({ series }) => `${distinct(series.lengthscales_m).map((line) => significant(line.at(-1))).join(" · ")} km`,
+    now: ({ series }) => `${distinct(series.lengthscales_m).map((line) => line.at(-1)).filter((each) => each !== null).map((each) => significant(each)).join(" · ")} km`,
   },
   {
-    title: "Noise of a reading, σₙ",
+    title: "Noise σₙ",
     lines: ({ series }) => ({ values: [series.noise_sd], names: ["noise"], digits: (value) => significant(value), low: 0 }),
     now: ({ series, units }) => `${significant(series.noise_sd.at(-1))} ${unitText(units)}`,
   },
   {
-    title: "Mutual information per plan (nats)",
+    title: "Mutual information",
     lines: ({ plans }) => ({
       times: plans.map((plan) => plan.utc_s), values: [plans.map((plan) => plan.mutual_information)],
       names: ["mutual information"], digits: (value) => significant(value), low: 0, points: true,
@@ -49,14 +50,14 @@ const CHARTS = [
   },
 ];
 
-/** Length-scales in km, a line for each that isn't a repetition of the one before (isotropic kernels have two alike). */
+/** Length-scales in km over time, a line each: two per component, one where it is the same in both directions. */
 function distinct(rows) {
-  const most = Math.max(0, ...rows.map((row) => row.length));
-  const lines = Array.from({ length: most }, (_, line) => rows.map((row) => (line < row.length ? row[line] / 1000 : null)));
-  const alike = (a, b) => a.every((value, index) => value === b[index]);
-  return lines.filter((line, index) => index === 0 || !alike(line, lines[index - 1]));
+  const told = rows.map((row) => row.filter((scale, index) => index % 2 === 0 || scale !== row[index - 1]));
+  const most = Math.max(0, ...told.map((row) => row.length));
+  return Array.from({ length: most }, (_, line) => told.map((row) => (line < row.length ? row[line] / 1000 : null)));
 }
 
+const numbers = (_, ticks) => ticks.map((tick) => fixed(tick, ticks.length > 1 ? stepDecimals(ticks[1] - ticks[0]) : 2));
 const clock = (_, seconds) => seconds.map((each) => utc(each, { day: false, second: false }));
 
 export class Charts {
@@ -94,11 +95,6 @@ export class Charts {
       box.plot.setAttribute("role", "img");
       box.plot.setAttribute("aria-label", `${chart.title} over time, now ${box.now.textContent}`);
     });
-  }
-
-  /** Another moment is shown. */
-  redraw() {
-    for (const plot of this.#plots) plot?.redraw(false);
   }
 
   /** The colours have changed. */
@@ -140,13 +136,13 @@ export class Charts {
       return [low, high > low ? low + 1.08 * (high - low) : low + 1];
     };
     return new uPlot({
-      width: Math.max(120, box.plot.clientWidth), height: HEIGHT, legend: { show: false }, padding: [6, 6, 0, 0],
+      width: Math.max(120, box.plot.clientWidth), height: HEIGHT, legend: { show: false }, padding: [6, 16, 0, 0],
       tzDate: (stamp) => uPlot.tzDate(new Date(stamp * 1000), "Etc/UTC"),
       cursor: { sync: { key: this.sync.key }, drag: { x: false, y: false }, y: false, points: { size: 6 } },
       scales: { x: { time: true, range: span }, y: { range } },
       axes: [
         { ...axis, values: clock, space: 56, size: 24, grid: { show: false } },
-        { ...axis, values: (_, ticks) => ticks.map((tick) => lines.digits(tick)), space: 28, size: 38 },
+        { ...axis, values: numbers, space: 28, size: (_, texts) => 12 + 6.4 * Math.max(2, ...(texts ?? []).map((text) => text.length)) },
       ],
       series: [{}, ...shown],
       hooks: { draw: [(plot) => this.#markMoment(plot)], setCursor: [(plot) => this.#tell(plot, box, lines)] },

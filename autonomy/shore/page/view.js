@@ -26,6 +26,12 @@ export class View extends EventTarget {
     this.whole();
   }
 
+  /** Width by height of the survey, within what looks well on a page. */
+  get aspect() {
+    const { south, west, north, east } = this.home;
+    return Math.min(2.2, Math.max(0.62, ((east - west) * this.cosine) / (north - south)));
+  }
+
   resize(width, height, margins) {
     this.width = Math.max(1, width);
     this.height = Math.max(1, height);

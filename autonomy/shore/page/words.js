@@ -18,7 +18,7 @@ export function extent(lengthscales) {
 
 /** The standard deviation of a component, in the units of what is learnt. */
 export const amplitude = (variance, units, transform) => {
-  const unit = transform && transform !== "identity" ? transform : unitText(units);
+  const unit = transform && transform !== "none" ? transform : unitText(units);
   return `${significant(Math.sqrt(variance))}${unit ? ` ${unit}` : ""}`;
 };
 
