@@ -129,6 +129,11 @@ class Core:
         return self._helm.dispatch.milestones
 
     @property
+    def safeguards(self) -> Safeguards | None:
+        """What the autopilot has to keep the boat safe; the same object until it is read again."""
+        return self._safeguards
+
+    @property
     def learner(self) -> Learner:
         """What has been learnt, to be looked at."""
         return self._learner

@@ -30,6 +30,8 @@ class Topic(Enum):
     OBSERVATIONS = "observations"
     HEALTH = "health"
     LOG = "log"
+    SURVEY = "survey"
+    STATUS = "status"
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """What the core tells people ashore: model, plan, observations, health and log, each when it is due."""
 
+import hashlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -71,6 +72,7 @@ class Reporter:
         self._survey = survey
         self._telemetry = telemetry
         self._learner = learner
+        self._configuration_hash = configuration_hash(configuration)
         self._model_schedule = _Schedule(configuration.shore.model_period_s)
         self._health_schedule = _Schedule(configuration.shore.health_period_s)
         self._observations: list[ObservationNotice] = []
@@ -138,7 +140,8 @@ class Reporter:
         """A line for the log on board and, from INFO on, for people ashore."""
         self._effects.append(Log(level, text))
         if level is not Level.DEBUG:
-            self._effects.append(Publish(Topic.LOG, LogNotice(level.name.lower(), text)))
+            line = LogNotice(level.name.lower(), text, self._utc_s())
+            self._effects.append(Publish(Topic.LOG, line))
 
     def step(self, now: float, status: Callable[[], Status]) -> None:
         """Publish what is due; `status` is only asked when something is."""
@@ -170,6 +173,13 @@ class Reporter:
         self._sequence += 1
         self._effects.append(Publish(Topic.MODEL, self._snapshot(status)))
 
+    def _utc_s(self) -> float | None:
+        """Seconds since 1970, None while they are not known."""
+        offset_s, vehicle = self._telemetry.utc_offset_s, self._telemetry.state
+        if offset_s is None or vehicle is None or vehicle.model_time_s is None:
+            return None
+        return max(0.0, vehicle.model_time_s + offset_s)
+
     def _snapshot(self, status: Status) -> ModelSnapshot:
         offset_s = self._telemetry.utc_offset_s
         vehicle = self._telemetry.state
@@ -191,6 +201,10 @@ class Reporter:
             origin_lat_deg=self._survey.frame.origin_lat_deg,
             origin_lon_deg=self._survey.frame.origin_lon_deg,
             bounds_m=self._survey.bounds,
+            survey=self._configuration.survey.name,
+            capacity=self._learner.capacity,
+            rho0=self._configuration.exploration.rho0,
+            configuration_hash=self._configuration_hash,
         )
 
     def _health(self, status: Status) -> HealthNotice:
@@ -222,6 +236,11 @@ class Reporter:
             journal="",
             quality=status.quality,
         )
+
+
+def configuration_hash(configuration: Configuration) -> str:
+    """Sixteen hexadecimal digits that are equal for equal configurations."""
+    return hashlib.blake2b(configuration.model_dump_json().encode(), digest_size=8).hexdigest()
 
 
 def _lead(choice: Choice) -> str:

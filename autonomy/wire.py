@@ -1,8 +1,8 @@
 """What people ashore receive: the published values, their keys and their CBOR form; see docs/wire.md."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import cbor2
@@ -16,18 +16,35 @@ from autonomy.learning.field_model import FieldModel
 from autonomy.plain_cbor import OBJECT_TAGS
 from autonomy.wire_rules import (
     FLOAT64_TAG,
+    INT32_TAG,
     MAXIMUM_KERNEL,
     MAXIMUM_LINE,
     MAXIMUM_OBSERVATIONS,
     MAXIMUM_REASON,
     MAXIMUM_REJECTED,
     PARALLEL,
+    RING_UNITS_PER_DEG,
     UINT8_TAG,
     VEHICLE_NAME,
     VersionError,
     WireError,
     brief,
     checked,
+)
+from autonomy.wire_values import (
+    HealthNotice,
+    LogBatch,
+    LogNotice,
+    Message,
+    ModelSnapshot,
+    Numbered,
+    ObservationBatch,
+    ObservationNotice,
+    Payload,
+    PlanNotice,
+    Ring,
+    StatusDigest,
+    SurveyNotice,
 )
 
 __all__ = [
@@ -37,12 +54,18 @@ __all__ = [
     "VEHICLE_NAME",
     "VERSION",
     "HealthNotice",
+    "LogBatch",
     "LogNotice",
+    "Message",
     "ModelSnapshot",
+    "Numbered",
+    "ObservationBatch",
     "ObservationNotice",
     "Payload",
     "PlanNotice",
-    "Received",
+    "Ring",
+    "StatusDigest",
+    "SurveyNotice",
     "VersionError",
     "WireError",
     "alive_key",
@@ -53,160 +76,10 @@ __all__ = [
     "split_key",
 ]
 
-VERSION = 2
+VERSION = 3
 MAXIMUM_BYTES = 16 * 2**20
 
 _MAXIMUM_ITEMS = 10_000
-
-
-@dataclass(frozen=True, eq=False)
-class ModelSnapshot:
-    """The belief about the field at one moment, with all that is needed to draw it on a chart.
-
-    Attributes:
-        vehicle: who believes it.
-        sequence: counts the snapshots of one run of the vehicle's software.
-        software_version: version of that software.
-        variable: what is measured (CF standard name).
-        units: units of the variable.
-        model: the posterior; its positions are local metres of the frame below.
-        model_time_s: the moment that the map is of, by the vehicle's own clock.
-        utc_s: the same moment in seconds since 1970, None while the vehicle doesn't know it.
-        samples: readings learnt so far.
-        rho: share of the basis vectors added since the last re-estimate.
-        replans: plans made so far.
-        calibration: how the newest readings agreed with what the model said of each just before learning it.
-        ahead: the same of readings far from what the model that predicts them knew: whether to trust the map.
-        origin_lat_deg: latitude of the survey frame's origin.
-        origin_lon_deg: longitude of the survey frame's origin.
-        bounds_m: x minimum, y minimum, x maximum, y maximum of the survey area, local metres.
-    """
-
-    vehicle: str
-    sequence: int
-    software_version: str
-    variable: str
-    units: str
-    model: FieldModel
-    model_time_s: float
-    utc_s: float | None
-    samples: int
-    rho: float
-    replans: int
-    calibration: CalibrationFigures
-    ahead: CalibrationFigures
-    origin_lat_deg: float
-    origin_lon_deg: float
-    bounds_m: tuple[float, float, float, float]
-
-
-@dataclass(frozen=True)
-class PlanNotice:
-    """A new plan.
-
-    Attributes:
-        sequence: counts the plans of one run.
-        start_deg: latitude, longitude where the route begins.
-        route_deg: latitude, longitude of every corner in sailing order, the start excluded.
-        is_spot: which corners are sampling spots; as long as `route_deg`.
-        mutual_information: of the spots, in nats; None if unknown.
-        planner: name of the planner.
-        reason: why there is a new plan, for a person.
-        objective_before: the planner's objective, a cost, had the rest of the previous plan been sailed instead.
-        objective_after: the same of this plan.
-        expected_rmse: of the map once the plan has been sailed, in the units that the model is Gaussian in.
-        rejected: names and objectives of candidates that lost, the best first.
-        seed: of the planner's random choices.
-        model_version: readings that the model knew that was planned with.
-    """
-
-    sequence: int
-    start_deg: tuple[float, float]
-    route_deg: tuple[tuple[float, float], ...]
-    is_spot: tuple[bool, ...]
-    mutual_information: float | None
-    planner: str
-    reason: str
-    objective_before: float | None = None
-    objective_after: float | None = None
-    expected_rmse: float | None = None
-    rejected: tuple[tuple[str, float], ...] = ()
-    seed: int | None = None
-    model_version: int | None = None
-
-
-@dataclass(frozen=True)
-class ObservationNotice:
-    """One reading of the probe, in the variable's units, at a position and a time of the vehicle's clock.
-
-    `value` is NaN where the probe sent no finite number. `flag` is QARTOD's: 1 good, 2 not evaluated, 3 suspect,
-    4 fail, 9 missing; `checks` the flags of the single tests, in the order of `autonomy.quality.Check`.
-    """
-
-    model_time_s: float
-    lat_deg: float
-    lon_deg: float
-    value: float
-    flag: int
-    checks: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class HealthNotice:
-    """How the vehicle and its software are. None (or NaN) stands for a number that isn't known.
-
-    `quality` counts the readings flagged 1, 2, 3, 4 and 9 by each test, by its name, and as `aggregate`;
-    `state` is the exploration's state and `reason` why it is in it; `mode` the autopilot's mode by name; `kernel` what
-    the field is believed to be like, in words; `calibration` and `ahead` as in `ModelSnapshot`; `repairs` how often
-    the model had to be rebuilt because rounding had broken it;
-    `distance_m` what has been sailed; `clock_rate` vehicle seconds per second of this process; `link_ok`
-    whether the autopilot is heard; `worker_busy` whether a job runs; `dropped` messages for the shore that
-    were thrown away for want of a listener or of room; `journal` what is wrong with the recording of the run, empty
-    if nothing is; `security` what was refused on the link to the vehicle, and why; `shore` what is wrong with the way
-    ashore.
-    """
-
-    state: str
-    reason: str
-    mode: str
-    armed: bool
-    lat_deg: float | None
-    lon_deg: float | None
-    heading_deg: float | None
-    groundspeed_mps: float | None
-    model_time_s: float | None
-    samples: int
-    basis_size: int
-    rho: float | None
-    rho0: float | None
-    replans: int
-    kernel: str
-    calibration: CalibrationFigures
-    ahead: CalibrationFigures
-    repairs: int
-    distance_m: float | None
-    clock_rate: float | None
-    link_ok: bool
-    worker_busy: bool
-    dropped: int
-    journal: str
-    quality: Mapping[str, tuple[int, ...]]
-    security: str = ""
-    shore: str = ""
-
-
-@dataclass(frozen=True)
-class LogNotice:
-    """A line of the vehicle's log; `level` is debug, info, warning or error."""
-
-    level: str
-    text: str
-
-
-Payload = (
-    ModelSnapshot | PlanNotice | ObservationNotice | tuple[ObservationNotice, ...] | HealthNotice | LogNotice
-)
-Received = ModelSnapshot | PlanNotice | tuple[ObservationNotice, ...] | HealthNotice | LogNotice
 
 
 def key(vehicle: str, topic: Topic) -> str:
@@ -252,21 +125,19 @@ def _cut(sentence: str, maximum: int) -> str:
     return sentence if len(sentence) <= maximum else sentence[: maximum - 1] + "…"
 
 
-def _as_map(value: Payload) -> tuple[Topic, dict[str, Any]]:
-    if isinstance(value, ObservationNotice):
-        value = (value,)
-    if isinstance(value, tuple):
-        names = ("model_time_s", "lat_deg", "lon_deg")
-        content: dict[str, Any] = {name: _float64([getattr(one, name) for one in value]) for name in names}
-        content["value"] = _float64([one.value if math.isfinite(one.value) else math.nan for one in value])
-        content["flag"] = cbor2.CBORTag(UINT8_TAG, bytes(one.flag for one in value))
-        content["checks"] = cbor2.CBORTag(UINT8_TAG, bytes(flag for one in value for flag in one.checks))
-        return Topic.OBSERVATIONS, content
+def _as_map(value: Message) -> tuple[Topic, dict[str, Any]]:
+    match value:
+        case ObservationBatch():
+            return Topic.OBSERVATIONS, _numbers_of(value) | _observation_columns(value.items)
+        case LogBatch():
+            lines = [[line.level, _cut(line.text, MAXIMUM_LINE), _plain(line.utc_s)] for line in value.items]
+            return Topic.LOG, {**_numbers_of(value), "lines": lines}
     content = _fields(value)
     match value:
         case ModelSnapshot():
             content["model"] = _encode_model(value.model)
             content["bounds_m"] = _float64(value.bounds_m)
+            content["stated_error"] = _float64(value.stated_error)
             return Topic.MODEL, content
         case PlanNotice():
             content["start_deg"] = _float64(value.start_deg)
@@ -281,13 +152,38 @@ def _as_map(value: Payload) -> tuple[Topic, dict[str, Any]]:
             for name in ("journal", "security", "shore"):
                 content[name] = _cut(content[name], MAXIMUM_REASON)
             return Topic.HEALTH, content
-        case LogNotice():
-            content["text"] = _cut(value.text, MAXIMUM_LINE)
-            return Topic.LOG, content
+        case SurveyNotice():
+            content["valid_range"] = [_plain(end) for end in value.valid_range]
+            content["bounds_deg"] = _float64(value.bounds_deg)
+            for name in ("area", "land", "keep_in", "keep_out", "fence"):
+                content[name] = [_ring(ring) for ring in getattr(value, name)]
+            return Topic.SURVEY, content
+        case StatusDigest():
+            return Topic.STATUS, content
 
 
-def encode(value: Payload) -> bytes:
-    """The CBOR form of a published value (one observation, or a tuple of them, makes a batch).
+def _numbers_of(batch: Numbered) -> dict[str, Any]:
+    return {"run": batch.run, "first": batch.first, "oldest": batch.oldest, "end": batch.end}
+
+
+def _observation_columns(notices: Sequence[ObservationNotice]) -> dict[str, Any]:
+    names = ("model_time_s", "lat_deg", "lon_deg")
+    content: dict[str, Any] = {name: _float64([getattr(one, name) for one in notices]) for name in names}
+    content["value"] = _float64([one.value if math.isfinite(one.value) else math.nan for one in notices])
+    content["flag"] = cbor2.CBORTag(UINT8_TAG, bytes(one.flag for one in notices))
+    content["checks"] = cbor2.CBORTag(UINT8_TAG, bytes(flag for one in notices for flag in one.checks))
+    return content
+
+
+def _ring(ring: Ring) -> cbor2.CBORTag:
+    rounded = np.rint(np.asarray(ring, dtype=float) * RING_UNITS_PER_DEG)
+    return cbor2.CBORTag(INT32_TAG, rounded.astype("<i4").tobytes())
+
+
+def encode(value: Message) -> bytes:
+    """The CBOR form of a message.
+
+    A sentence that is too long is cut, and of too many rejected candidates the best are told.
 
     Raises:
         WireError: a field is outside the bounds that `decode` accepts; names topic, field and bound.
@@ -300,7 +196,7 @@ def encode(value: Payload) -> bytes:
         raise WireError(f"{topic.value}: a text cannot be written as UTF-8: {error.reason}") from None
 
 
-def decode(topic: Topic, payload: bytes) -> Received:
+def decode(topic: Topic, payload: bytes) -> Message:
     """The value in received bytes, which may come from anybody.
 
     Raises:
@@ -320,12 +216,18 @@ def decode(topic: Topic, payload: bytes) -> Received:
         case Topic.PLAN:
             return PlanNotice(**values)
         case Topic.OBSERVATIONS:
-            columns = [values[name] for name in PARALLEL[topic]]
-            return tuple(ObservationNotice(*row) for row in zip(*columns, strict=True))
+            columns = [values.pop(name) for name in PARALLEL[topic]]
+            notices = tuple(ObservationNotice(*row) for row in zip(*columns, strict=True))
+            return ObservationBatch(**values, items=notices)
         case Topic.HEALTH:
             return HealthNotice(**values)
         case Topic.LOG:
-            return LogNotice(**values)
+            lines = tuple(LogNotice(*row) for row in values.pop("lines"))
+            return LogBatch(**values, items=lines)
+        case Topic.SURVEY:
+            return SurveyNotice(**values)
+        case Topic.STATUS:
+            return StatusDigest(**values)
 
 
 def _parse(topic: Topic, payload: bytes) -> dict[str, Any]:

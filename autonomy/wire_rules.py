@@ -26,8 +26,17 @@ CHECKS = 7
 line."""
 LEVELS = ("debug", "info", "warning", "error")
 
-# RFC 8746: little-endian float64, and bytes.
+MAXIMUM_LINES = 500
+MAXIMUM_RINGS = 1000
+MAXIMUM_RING_CORNERS = 20_000
+MAXIMUM_DIGEST = 340
+PRECISIONS = ("lossless", "16 bit", "12 bit", "8 bit")
+RING_UNITS_PER_DEG = 1e6
+"""Corners of rings are whole millionths of a degree, a tenth of a metre, so that they take half the bytes."""
+
+# RFC 8746: little-endian float64 and int32, and bytes.
 FLOAT64_TAG = 86
+INT32_TAG = 78
 UINT8_TAG = 64
 
 
@@ -100,37 +109,32 @@ def _or_none(inner: Rule) -> Rule:
     return lambda value: None if value is None else inner(value)
 
 
+def _typed(value: Any, tag: int, name: str) -> bytes:
+    """The bytes of a typed array."""
+    if not isinstance(value, cbor2.CBORTag) or value.tag != tag or not isinstance(value.value, bytes):
+        raise WireError(f"must be an array of {name}, tag {tag} (got {brief(value)})")
+    return value.value
+
+
 def _numbers(minimum: int, maximum: int, inner: Rule, group: int = 1) -> Rule:
     """A typed array of float64; `group` numbers make one element."""
 
     def rule(value: Any) -> tuple[float, ...]:
-        if (
-            not isinstance(value, cbor2.CBORTag)
-            or value.tag != FLOAT64_TAG
-            or not isinstance(value.value, bytes)
-        ):
-            raise WireError(f"must be an array of float64, tag {FLOAT64_TAG} (got {brief(value)})")
-        elements, rest = divmod(len(value.value), 8 * group)
+        data = _typed(value, FLOAT64_TAG, "float64")
+        elements, rest = divmod(len(data), 8 * group)
         if rest or not minimum <= elements <= maximum:
-            raise WireError(
-                f"must have {minimum} to {maximum} times {group} float64 (got {len(value.value)} bytes)"
-            )
-        return tuple(inner(number) for number in np.frombuffer(value.value, dtype="<f8").tolist())
+            raise WireError(f"must have {minimum} to {maximum} times {group} float64 (got {len(data)} bytes)")
+        return tuple(inner(number) for number in np.frombuffer(data, dtype="<f8").tolist())
 
     return rule
 
 
 def _flags(maximum: int) -> Rule:
     def rule(value: Any) -> tuple[bool, ...]:
-        if (
-            not isinstance(value, cbor2.CBORTag)
-            or value.tag != UINT8_TAG
-            or not isinstance(value.value, bytes)
-        ):
-            raise WireError(f"must be an array of bytes, tag {UINT8_TAG} (got {brief(value)})")
-        if len(value.value) > maximum or max(value.value, default=0) > 1:
-            raise WireError(f"must have at most {maximum} bytes, each 0 or 1 (got {len(value.value)} bytes)")
-        return tuple(byte == 1 for byte in value.value)
+        data = _typed(value, UINT8_TAG, "bytes")
+        if len(data) > maximum or max(data, default=0) > 1:
+            raise WireError(f"must have at most {maximum} bytes, each 0 or 1 (got {len(data)} bytes)")
+        return tuple(byte == 1 for byte in data)
 
     return rule
 
@@ -139,21 +143,16 @@ def _qartod(group: int = 1) -> Rule:
     """A typed array of bytes, each a QARTOD flag; more than one of them make an element that is a tuple."""
 
     def rule(value: Any) -> tuple[Any, ...]:
-        if (
-            not isinstance(value, cbor2.CBORTag)
-            or value.tag != UINT8_TAG
-            or not isinstance(value.value, bytes)
-        ):
-            raise WireError(f"must be an array of bytes, tag {UINT8_TAG} (got {brief(value)})")
-        elements, rest = divmod(len(value.value), group)
-        if rest or elements > MAXIMUM_OBSERVATIONS or not QARTOD_FLAGS.issuperset(value.value):
+        data = _typed(value, UINT8_TAG, "bytes")
+        elements, rest = divmod(len(data), group)
+        if rest or elements > MAXIMUM_OBSERVATIONS or not QARTOD_FLAGS.issuperset(data):
             raise WireError(
                 f"must have at most {MAXIMUM_OBSERVATIONS} times {group} bytes, each 1, 2, 3, 4 or 9 "
-                f"(got {len(value.value)} bytes)"
+                f"(got {len(data)} bytes)"
             )
         if group == 1:
-            return tuple(value.value)
-        return tuple(tuple(value.value[k : k + group]) for k in range(0, len(value.value), group))
+            return tuple(data)
+        return tuple(tuple(data[k : k + group]) for k in range(0, len(data), group))
 
     return rule
 
@@ -200,15 +199,74 @@ def _bounds(value: Any) -> tuple[float, float, float, float]:
     return x_min, y_min, x_max, y_max
 
 
-def _blob(value: Any) -> bytes:
-    if not isinstance(value, bytes) or not value:
-        raise WireError(f"must be a byte string (got {brief(value)})")
-    return value
+def _blob(maximum: int) -> Rule:
+    def rule(value: Any) -> bytes:
+        if not isinstance(value, bytes) or not 0 < len(value) <= maximum:
+            raise WireError(f"must be a byte string of at most {maximum} bytes (got {brief(value)})")
+        return value
+
+    return rule
+
+
+def _ring(value: Any) -> tuple[tuple[float, float], ...]:
+    data = _typed(value, INT32_TAG, "int32")
+    if len(data) % 8 or not 3 <= len(data) // 8 <= MAXIMUM_RING_CORNERS:
+        raise WireError(f"must have 3 to {MAXIMUM_RING_CORNERS} times 2 int32 (got {len(data)} bytes)")
+    corners = (np.frombuffer(data, dtype="<i4").reshape(-1, 2) / RING_UNITS_PER_DEG).tolist()
+    return tuple((_latitude(lat), _longitude(lon)) for lat, lon in corners)
+
+
+def _rings(value: Any) -> tuple[tuple[tuple[float, float], ...], ...]:
+    """Closed lines; how many corners they may have together is bounded."""
+    if not isinstance(value, list | tuple) or len(value) > MAXIMUM_RINGS:
+        raise WireError(f"must be a list of at most {MAXIMUM_RINGS} rings (got {brief(value)})")
+    rings = []
+    left = MAXIMUM_RING_CORNERS
+    for each in value:
+        ring = _ring(each)
+        left -= len(ring)
+        if left < 0:
+            raise WireError(f"must have at most {MAXIMUM_RING_CORNERS} corners in all")
+        rings.append(ring)
+    return tuple(rings)
+
+
+def _valid_range(value: Any) -> tuple[float | None, float | None]:
+    end = _or_none(_number(-1e300, 1e300))
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise WireError(f"must be a list of two, each a number or null (got {brief(value)})")
+    return end(value[0]), end(value[1])
+
+
+def _bounds_deg(value: Any) -> tuple[float, float, float, float]:
+    south, west, north, east = _numbers(1, 1, _longitude, group=4)(value)
+    if not (-90.0 <= south < north <= 90.0 and west < east):
+        raise WireError(f"must be south, west, north, east (got {south}, {west}, {north}, {east})")
+    return south, west, north, east
+
+
+def _errors(value: Any) -> tuple[float, float]:
+    mean, sd = _numbers(1, 1, _number(0, 1e6), group=2)(value)
+    return mean, sd
+
+
+def _lines(value: Any) -> tuple[tuple[str, str, float | None], ...]:
+    """Level, text and time of lines of the log."""
+    if not isinstance(value, list | tuple) or len(value) > MAXIMUM_LINES:
+        raise WireError(f"must be a list of at most {MAXIMUM_LINES} (got {brief(value)})")
+    level, text = _one_of(LEVELS), _text(MAXIMUM_LINE)
+    rows = []
+    for row in value:
+        if not isinstance(row, list | tuple) or len(row) != 3:
+            raise WireError(f"must hold level, text and time of each line (got {brief(row)})")
+        rows.append((level(row[0]), text(row[1]), _utc(row[2])))
+    return tuple(rows)
 
 
 _latitude = _number(-90, 90)
 _longitude = _number(-180, 360)
 _share = _number(0, 1)
+_utc = _or_none(_number(0, 1e11))
 _columns = _numbers(0, MAXIMUM_OBSERVATIONS, _number())
 
 
@@ -236,8 +294,6 @@ def _each(content: dict[str, Any], rules: dict[str, Rule]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for name, rule in rules.items():
         if name not in content:
-            if name in ADDED:
-                continue
             raise WireError(f"{name}: is missing")
         try:
             values[name] = rule(content[name])
@@ -257,6 +313,8 @@ _CALIBRATION: dict[str, Rule] = {
     "count": _count,
 }
 
+_NUMBERS: dict[str, Rule] = {"run": _count, "first": _count, "oldest": _count, "end": _count}
+
 RULES: dict[Topic, dict[str, Rule]] = {
     Topic.MODEL: {
         "vehicle": _text(32, VEHICLE_NAME),
@@ -264,9 +322,9 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "software_version": _text(64),
         "variable": _text(100),
         "units": _text(40),
-        "model": _blob,
+        "model": _blob(2**24),
         "model_time_s": _number(),
-        "utc_s": _or_none(_number(0, 1e11)),
+        "utc_s": _utc,
         "samples": _count,
         "rho": _share,
         "replans": _count,
@@ -275,6 +333,12 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "origin_lat_deg": _latitude,
         "origin_lon_deg": _longitude,
         "bounds_m": _bounds,
+        "survey": _text(100),
+        "capacity": _count,
+        "rho0": _share,
+        "configuration_hash": _text(64),
+        "precision": _one_of(PRECISIONS),
+        "stated_error": _errors,
     },
     Topic.PLAN: {
         "sequence": _count,
@@ -292,6 +356,7 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "model_version": _or_none(_count),
     },
     Topic.OBSERVATIONS: {
+        **_NUMBERS,
         "model_time_s": _columns,
         "lat_deg": _numbers(0, MAXIMUM_OBSERVATIONS, _latitude),
         "lon_deg": _numbers(0, MAXIMUM_OBSERVATIONS, _longitude),
@@ -327,23 +392,24 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "quality": _tallies,
         "security": _text(MAXIMUM_REASON),
         "shore": _text(MAXIMUM_REASON),
+        "run": _count,
+        "observations_end": _count,
+        "log_end": _count,
     },
-    Topic.LOG: {"level": _one_of(LEVELS), "text": _text(MAXIMUM_LINE)},
+    Topic.LOG: {**_NUMBERS, "lines": _lines},
+    Topic.SURVEY: {
+        "name": _text(100),
+        "variable": _text(100),
+        "long_name": _text(100),
+        "units": _text(40),
+        "valid_range": _valid_range,
+        "rho0": _share,
+        "capacity": _or_none(_count),
+        "bounds_deg": _bounds_deg,
+        **dict.fromkeys(("area", "land", "keep_in", "keep_out", "fence"), _rings),
+    },
+    Topic.STATUS: {"data": _blob(MAXIMUM_DIGEST)},
 }
-
-ADDED = frozenset(
-    {
-        "objective_before",
-        "objective_after",
-        "expected_rmse",
-        "rejected",
-        "seed",
-        "model_version",
-        "security",
-        "shore",
-    }
-)
-"""Fields that came into a version after its beginning: an older sender has not got them, and has their defaults."""
 
 
 # Arrays that belong together, element by element.
@@ -353,6 +419,8 @@ PARALLEL: dict[Topic, tuple[str, ...]] = {
     Topic.OBSERVATIONS: ("model_time_s", "lat_deg", "lon_deg", "value", "flag", "checks"),
     Topic.HEALTH: (),
     Topic.LOG: (),
+    Topic.SURVEY: (),
+    Topic.STATUS: (),
 }
 
 
@@ -367,4 +435,14 @@ def checked(topic: Topic, content: dict[str, Any]) -> dict[str, Any]:
     }
     if len(lengths) > 1:
         raise WireError(f"{topic.value}: {', '.join(PARALLEL[topic])}: must be equally long")
+    if "first" in values:
+        items = len(values[_ITEMS[topic]])
+        if not values["oldest"] <= values["first"] <= values["first"] + items <= values["end"]:
+            raise WireError(
+                f"{topic.value}: first: must be from oldest to end less the {items} items "
+                f"(got {values['oldest']}, {values['first']}, {values['end']})"
+            )
     return values
+
+
+_ITEMS = {Topic.OBSERVATIONS: "value", Topic.LOG: "lines"}

@@ -54,6 +54,9 @@ class SurveyArea:
             several parts that are not connected.
         standoff_m: distance kept from land and keep-out; the area's own edge needs none.
         passage_cells: cells along the longer side of the raster on which ways over water are found.
+        land: what makes up the obstacles, for charts; None if nothing was said.
+        keep_out: the same.
+        keep_in: what narrows the ground, for charts; None if nothing was said.
     """
 
     frame: LocalFrame
@@ -63,6 +66,9 @@ class SurveyArea:
     navigable: BaseGeometry
     standoff_m: float
     passage_cells: int
+    land: BaseGeometry | None = None
+    keep_out: BaseGeometry | None = None
+    keep_in: BaseGeometry | None = None
 
     @classmethod
     def from_geometry(
@@ -106,7 +112,9 @@ class SurveyArea:
                 f"no navigable water is left {standoff_m:g} m away from land and keep-out; "
                 "a smaller stand-off or a larger area is needed"
             )
-        return cls(frame, ground, obstacles, water, navigable, standoff_m, passage_cells)
+        return cls(
+            frame, ground, obstacles, water, navigable, standoff_m, passage_cells, land, keep_out, keep_in
+        )
 
     def closed_off(self, closed: BaseGeometry, given_up: BaseGeometry, margin_m: float) -> "SurveyArea":
         """The same survey with less water to sail on; maps and readings keep all of it.

@@ -1,100 +1,100 @@
-"""Observations on their way ashore: kept until they have probably arrived, in forty bytes each, the oldest dropped."""
+"""What was told ashore in order, kept on board: whoever lacks a piece of it asks for it by its number."""
 
+import threading
 from collections import deque
 from collections.abc import Iterable
+from itertools import islice
 
-import numpy as np
-
-from autonomy.quality import Check
-from autonomy.wire import MAXIMUM_OBSERVATIONS, ObservationNotice
-
-CONFIRMED_S = 15.0
-"""What was handed over so long ago, and the way is still there, has arrived: zenoh misses a dead link after ten."""
-
-IN_FLIGHT = 2 * MAXIMUM_OBSERVATIONS
-"""Handed over and not yet counted as arrived, at most: what a week has gathered drains in twenty minutes, and what is
-sent twice over a broken link is little."""
-
-_ROW = np.dtype(
-    [
-        ("time", "f8"),
-        ("lat", "f8"),
-        ("lon", "f8"),
-        ("value", "f8"),
-        ("flag", "u1"),
-        ("checks", "u1", (len(Check),)),
-    ]
-)
+from autonomy.observation_ring import ObservationRing, notices
+from autonomy.wire import LogBatch, LogNotice, ObservationBatch, ObservationNotice
+from autonomy.wire_rules import MAXIMUM_LINES, MAXIMUM_OBSERVATIONS
 
 
-class Backlog:
-    """A queue whose head may be handed over again: at least once, and in order, each observation gets ashore.
-
-    Whoever is ashore may get the last of `IN_FLIGHT` twice when the way was lost. For one thread at a time.
+class _Numbers:
+    """Which numbers are kept, which have been sent, and how many nobody has ever got. For any thread.
 
     Args:
-        capacity: of more than so many the oldest are dropped. Memory is taken as it is needed.
+        run: of the software; goes with every batch.
+        capacity: of more than so many the oldest are dropped.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, run: int, capacity: int) -> None:
         if capacity < 1:
-            raise ValueError(f"at least one observation must be kept, not {capacity}")
-        self._rows = np.zeros(capacity, _ROW)
-        self._first = (
-            0  # of all that were ever put in: the oldest kept, the next to hand over, the next to come
-        )
-        self._next = 0
-        self._end = 0
-        self._handed: deque[tuple[float, int]] = deque()  # when, and up to which
+            raise ValueError(f"at least one must be kept, not {capacity}")
+        self._run = run
+        self._capacity = capacity
+        self._lock = threading.Lock()
+        self.oldest = 0
+        """Number of the oldest that is kept."""
+        self.sent = 0
+        """Number after the newest that has been sent; it need not have arrived."""
+        self.end = 0
+        """Number after the newest."""
+        self._handed = 0
         self.dropped = 0
+        """How many are gone that were never handed to anybody."""
 
-    def __len__(self) -> int:
-        """How many have not been handed over, or may have to be once more."""
-        return self._end - self._first
+    def skip(self) -> None:
+        """Nobody listens: what is there will be asked for, and only what comes from now on is sent by itself."""
+        with self._lock:
+            self.sent = self.end
 
-    def is_ready(self, now: float) -> bool:
-        """Whether `take` would give anything."""
-        self._confirm(now)
-        return self._end > self._next and self._room > 0
+    def _came(self) -> None:
+        self.end += 1
+        if self.end - self.oldest > self._capacity:
+            self.dropped += self.oldest >= self._handed
+            self.oldest += 1
+            self.sent = max(self.sent, self.oldest)
 
-    def add(self, notices: Iterable[ObservationNotice]) -> None:
+    def _piece(self, first: int, count: int, most: int) -> tuple[int, int]:
+        """Numbers of the first and after the last of at most so many, from a number on; they count as sent."""
+        first = min(max(first if first >= 0 else self.end + first, self.oldest), self.end)
+        last = min(first + min(max(count, 0), most), self.end)
+        self._handed = max(self._handed, last)
+        self.sent = max(self.sent, last)
+        return first, last
+
+
+class Observations(_Numbers):
+    """The newest observations, in forty bytes each. Memory is taken as it is needed."""
+
+    def __init__(self, run: int, capacity: int) -> None:
+        super().__init__(run, capacity)
+        self._ring = ObservationRing(capacity)
+
+    def add(self, made: Iterable[ObservationNotice]) -> None:
         """Put observations in, oldest first."""
-        capacity = len(self._rows)
-        for one in notices:
-            place = (one.model_time_s, one.lat_deg, one.lon_deg, one.value)
-            self._rows[self._end % capacity] = (*place, one.flag, one.checks)
-            self._end += 1
-            if self._end - self._first > capacity:
-                self._first += 1
-                self.dropped += 1
-        self._next = max(self._next, self._first)
+        with self._lock:
+            for one in made:
+                self._ring.append(one)
+                self._came()
 
-    def take(self, now: float) -> list[tuple[ObservationNotice, ...]]:
-        """Batches to hand over now, by any clock that only goes forward; empty if enough is in flight."""
-        if not self.is_ready(now):
-            return []
-        count = min(self._end - self._next, self._room)
-        numbers = np.arange(self._next, self._next + count) % len(self._rows)
-        self._next += count
-        self._handed.append((now, self._next))
-        notices = [_notice(row) for row in self._rows[numbers].tolist()]
-        return [tuple(notices[i : i + MAXIMUM_OBSERVATIONS]) for i in range(0, count, MAXIMUM_OBSERVATIONS)]
-
-    def lost(self) -> None:
-        """The way was lost: what is not counted as arrived is to be handed over again."""
-        self._next = self._first
-        self._handed.clear()
-
-    @property
-    def _room(self) -> int:
-        """For how many more there is room on the way."""
-        return IN_FLIGHT - (self._next - self._first)
-
-    def _confirm(self, now: float) -> None:
-        while self._handed and now - self._handed[0][0] >= CONFIRMED_S:
-            self._first = max(self._first, self._handed.popleft()[1])
+    def batch(self, first: int, count: int) -> ObservationBatch:
+        """At most so many from a number on; from the oldest kept if that is newer. Negative ones count from the end."""
+        with self._lock:
+            start, last = self._piece(first, count, MAXIMUM_OBSERVATIONS)
+            numbers = (self._run, start, self.oldest, self.sent)
+            rows = self._ring.rows(start, last)
+        return ObservationBatch(*numbers, notices(rows))
 
 
-def _notice(row: tuple[float, float, float, float, int, list[int]]) -> ObservationNotice:
-    time_s, lat_deg, lon_deg, value, flag, checks = row
-    return ObservationNotice(time_s, lat_deg, lon_deg, value, flag, tuple(map(int, checks)))
+class Lines(_Numbers):
+    """The newest lines of the log."""
+
+    def __init__(self, run: int, capacity: int) -> None:
+        super().__init__(run, capacity)
+        self._lines: deque[LogNotice] = deque(maxlen=capacity)
+
+    def add(self, line: LogNotice) -> None:
+        """Put a line in."""
+        with self._lock:
+            self._lines.append(line)
+            self._came()
+
+    def batch(self, first: int, count: int) -> LogBatch:
+        """At most so many from a number on; from the oldest kept if that is newer. Negative ones count from the end."""
+        with self._lock:
+            start, last = self._piece(first, count, MAXIMUM_LINES)
+            numbers = (self._run, start, self.oldest, self.sent)
+            lines = tuple(islice(self._lines, start - self.oldest, last - self.oldest))
+        return LogBatch(*numbers, lines)

@@ -11,9 +11,10 @@ from collections.abc import Hashable
 from dataclasses import replace
 from typing import Any
 
+from autonomy.charting import fence_rings, survey_notice
 from autonomy.config import Configuration, ShoreSection
 from autonomy.core import Core
-from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob
+from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob, Topic
 from autonomy.endpoints import Certificates
 from autonomy.events import (
     DeadlineReached,
@@ -26,6 +27,7 @@ from autonomy.events import (
     StopRequested,
 )
 from autonomy.mavlink.codec import Codec
+from autonomy.mavlink.safeguards import Safeguards
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell.certificate import doubt
 from autonomy.shell.journal import Journal
@@ -70,6 +72,7 @@ class Daemon:
         signed_link: SignedLink | None = None,
     ) -> None:
         self._configuration = configuration
+        self._frame = survey.frame
         self._core = Core(configuration, survey) if continuity is None else continuity.core
         self._continuity = continuity
         self._milestones = self._core.milestones
@@ -86,6 +89,8 @@ class Daemon:
         self._certificate_doubt = doubt(
             configuration.vehicle.name, shore.tls.certificate, shore.tls.private_key
         )
+        self._chart = survey_notice(configuration, survey)
+        self._safeguards: Safeguards | None = None
         self._worker = Worker(survey, self._job_finished, self._job_failed, run=job_runner)
         self._journal = journal
         self._unrecorded = unrecorded
@@ -107,6 +112,7 @@ class Daemon:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._stop)
         self._publisher.start()
+        self._publisher.publish(Topic.SURVEY, self._chart)
         self._worker.start()
         if self._continuity is not None:
             self._continuity.begin(self._journal)
@@ -198,6 +204,7 @@ class Daemon:
             if self._continuity is not None:
                 self._continuity.crashed(self._journal)
             return
+        self._tell_fence()
         if self._continuity is not None and self._core.milestones != self._milestones:
             self._milestones = self._core.milestones
             self._continuity.keep(self._journal)
@@ -273,6 +280,14 @@ class Daemon:
             security="" if self._signed_link is None else self._signed_link.report,
             shore="; ".join(filter(None, (ashore.trouble, self._certificate_doubt))),
         )
+
+    def _tell_fence(self) -> None:
+        """The chart again, when the autopilot's fence has become known."""
+        safeguards = self._core.safeguards
+        if safeguards is not self._safeguards and safeguards is not None:
+            self._safeguards = safeguards
+            self._chart = replace(self._chart, fence=fence_rings(self._frame, safeguards))
+            self._publisher.publish(Topic.SURVEY, self._chart)
 
     def _tell_manager(self, status: str) -> None:
         if status != self._status:

@@ -1,6 +1,7 @@
 """What goes ashore: a thread of its own owns the zenoh session, for a put on a dying link can block."""
 
 import logging
+import secrets
 import threading
 import time
 from collections import deque
@@ -13,27 +14,24 @@ import zenoh
 from autonomy import wire
 from autonomy.effects import Topic
 from autonomy.endpoints import Certificates, session_settings
-from autonomy.shell.backlog import Backlog
+from autonomy.shell.outbox import LATEST_WINS, Outbox
+from autonomy.wire_questions import wanted_piece
 from autonomy.zenoh_session import zenoh_config
 
 log = logging.getLogger(__name__)
 
-LATEST_WINS = (Topic.MODEL, Topic.PLAN, Topic.HEALTH)
-QUEUED = (Topic.OBSERVATIONS, Topic.LOG)
 _LOOK_AROUND_S = 0.25
 _REOPEN_S = 5.0
 _UNASKED_S = 10.0
+_MOST_QUESTIONS = 200
 _PRIORITY = {
     Topic.MODEL: zenoh.Priority.DATA_LOW,
     Topic.OBSERVATIONS: zenoh.Priority.DATA_LOW,
     Topic.PLAN: zenoh.Priority.DATA,
     Topic.HEALTH: zenoh.Priority.DATA_HIGH,
     Topic.LOG: zenoh.Priority.DATA,
-}
-_CONGESTION = {
-    # Whatever finds no room is gone, but for observations: for them this thread waits, up to zenoh's five seconds.
-    topic: zenoh.CongestionControl.BLOCK if topic is Topic.OBSERVATIONS else zenoh.CongestionControl.DROP
-    for topic in Topic
+    Topic.SURVEY: zenoh.Priority.DATA,
+    Topic.STATUS: zenoh.Priority.DATA_HIGH,
 }
 
 
@@ -50,8 +48,7 @@ class PublisherStatus:
             appears.
         unasked_s: for how long we have been listened to without being asked.
         published: messages handed to zenoh.
-        dropped: observations and log lines thrown away because a queue was full, by topic's name.
-        waiting: observations that have not arrived, or perhaps not.
+        dropped: observations and log lines thrown away before anybody heard them, by topic's name.
         refused: values that couldn't be encoded.
         error: why there is no session, None if there is one.
     """
@@ -63,7 +60,6 @@ class PublisherStatus:
     unasked_s: float = 0.0
     published: int = 0
     dropped: dict[str, int] = field(default_factory=dict)
-    waiting: int = 0
     refused: int = 0
     error: str | None = None
 
@@ -90,16 +86,15 @@ class PublisherStatus:
 class Publisher:
     """Publishes one vehicle's values; `publish` never waits for the network.
 
-    Models, plans and health have one slot each, where the newest wins, and are kept for whoever joins late
-    (answered to queries). Observations and log lines wait in bounded queues until somebody listens; the
-    oldest are dropped and counted. Observations are handed over again if the way is lost soon after (see `Backlog`):
-    whoever is ashore gets each at least once, unless the service ends before, and then the journal has it.
+    Of models, plans, health, status and survey the newest wins, and is kept for whoever joins late (answered to
+    queries). Observations and log lines are numbered and kept; whoever lacks some, because he was away or the way
+    was, asks for them by their numbers. Of too many the oldest are dropped; the journal has them.
 
     Args:
         vehicle: name in the keys.
         connect: zenoh endpoints of the routers ashore. None named: nothing is opened, values are discarded.
-        backlog: observations kept while nobody listens.
-        queue_limit: log lines kept while nobody listens.
+        backlog: observations kept.
+        line_limit: log lines kept.
         certificates: for routers dialled by tls/… or quic/….
 
     Raises:
@@ -111,7 +106,7 @@ class Publisher:
         vehicle: str,
         connect: Sequence[str],
         backlog: int = 604_800,
-        queue_limit: int = 5000,
+        line_limit: int = 5000,
         certificates: Certificates | None = None,
     ) -> None:
         if not wire.VEHICLE_NAME.fullmatch(vehicle):
@@ -120,12 +115,10 @@ class Publisher:
         self._settings = session_settings("peer", connect=connect, certificates=certificates)
         self._connect = list(connect)
         self._changed = threading.Condition()
-        self._slots: dict[Topic, Any] = {}
-        self._backlog = Backlog(backlog)
-        self._lines: deque[wire.LogNotice] = deque(maxlen=queue_limit)
-        self._lines_dropped = 0
+        # Any number will do that no earlier run of this vehicle had; the clock of a boat may begin at the same moment.
+        self._outbox = Outbox(secrets.randbits(52), backlog, line_limit)
+        self._questions: deque[zenoh.Query] = deque()
         self._stopping = False
-        self._last: dict[Topic, bytes] = {}
         self._asked = 0
         self._unasked_since: float | None = None
         self._status = PublisherStatus(routers=len(self._connect))
@@ -135,11 +128,7 @@ class Publisher:
     def status(self) -> PublisherStatus:
         """As of a moment ago."""
         with self._changed:
-            dropped = {
-                Topic.OBSERVATIONS.value: self._backlog.dropped,
-                Topic.LOG.value: self._lines_dropped,
-            }
-            return replace(self._status, dropped=dropped, waiting=len(self._backlog))
+            return replace(self._status, dropped=self._outbox.dropped, refused=self._outbox.refused)
 
     def start(self) -> None:
         """Start the thread, which opens the session."""
@@ -152,17 +141,8 @@ class Publisher:
         """Leave a value to be published under `usv/<vehicle>/<topic>`; returns at once, from any thread."""
         if not self._connect:
             return
+        self._outbox.offer(topic, value)
         with self._changed:
-            match value:
-                case tuple():
-                    self._backlog.add(value)
-                case wire.ObservationNotice():
-                    self._backlog.add((value,))
-                case wire.LogNotice():
-                    self._lines_dropped += len(self._lines) == self._lines.maxlen
-                    self._lines.append(value)
-                case _:
-                    self._slots[topic] = value
             self._changed.notify()
 
     def stop(self, timeout_s: float = 2.0) -> bool:
@@ -193,85 +173,71 @@ class Publisher:
 
     def _serve(self, session: zenoh.Session) -> None:
         """Declare what we publish and answer, then publish until asked to stop."""
-        with self._changed:
-            self._backlog.lost()
         publishers = {
             topic: session.declare_publisher(
                 wire.key(self._vehicle, topic),
                 encoding=zenoh.Encoding.APPLICATION_CBOR.with_schema(wire.schema(topic)),
-                congestion_control=_CONGESTION[topic],
+                # What finds no room is gone: observations and lines are asked for again, of others the next is newer.
+                congestion_control=zenoh.CongestionControl.DROP,
                 priority=_PRIORITY[topic],
             )
             for topic in Topic
         }
         # The token stands as long as its object does; so might, one day, the queryable.
         with (
-            session.declare_queryable(f"usv/{self._vehicle}/*", self._answer),
+            session.declare_queryable(f"usv/{self._vehicle}/*", self._asked_for),
             session.liveliness().declare_token(wire.alive_key(self._vehicle)),
         ):
             self._serve_until_stopped(session, publishers)
+        self._questions.clear()
 
     def _serve_until_stopped(self, session: zenoh.Session, publishers: dict[Topic, zenoh.Publisher]) -> None:
-        listened: list[Topic] = []
+        listened: set[Topic] = set()
         while True:
             with self._changed:
-                if not (self._stopping or self._has_work(listened)):
+                if not (self._stopping or self._questions or self._outbox.has_work(listened)):
                     self._changed.wait(_LOOK_AROUND_S)
-            listened = [topic for topic in QUEUED if _matched(publishers[topic])]
-            with self._changed:
                 stopping = self._stopping
-                batch = self._take(listened)
-            for topic, value in batch:
-                self._put(publishers[topic], topic, value)
+            listened = {topic for topic in Topic if _matched(publishers[topic])}
+            while (parcel := self._outbox.next(listened)) is not None:
+                publishers[parcel.topic].put(parcel.payload)
+                self._set_status(published=self._status.published + 1)
+            while self._questions:
+                with self._questions.popleft() as query:
+                    self._answer(query)
             self._look_around(session, publishers[Topic.MODEL])
             if stopping:
                 return
 
-    def _has_work(self, listened: list[Topic]) -> bool:
-        return bool(
-            self._slots
-            or (self._lines and Topic.LOG in listened)
-            or (Topic.OBSERVATIONS in listened and self._backlog.is_ready(time.monotonic()))
-        )
-
-    def _take(self, listened: list[Topic]) -> list[tuple[Topic, Any]]:
-        batch: list[tuple[Topic, Any]] = list(self._slots.items())
-        self._slots = {}
-        if Topic.LOG in listened:
-            batch += [(Topic.LOG, line) for line in self._lines]
-            self._lines.clear()
-        if Topic.OBSERVATIONS in listened:
-            batch += [(Topic.OBSERVATIONS, each) for each in self._backlog.take(time.monotonic())]
-        else:
-            self._backlog.lost()
-        return batch
-
-    def _put(self, publisher: zenoh.Publisher, topic: Topic, value: wire.Payload) -> None:
-        try:
-            payload = wire.encode(value)
-        except wire.WireError as error:
-            if isinstance(value, tuple) and len(value) > 1:
-                # The one that can't be written must not take the others with it.
-                for half in (value[: len(value) // 2], value[len(value) // 2 :]):
-                    self._put(publisher, topic, half)
-                return
-            log.warning("not published: %s", error)
-            self._set_status(refused=self._status.refused + 1)
+    def _asked_for(self, query: zenoh.Query) -> None:
+        """Somebody asks; runs in zenoh's thread."""
+        self._asked += 1
+        if len(self._questions) >= _MOST_QUESTIONS:
+            with query:
+                query.reply_err("too many questions at once: ask again later")
             return
-        if topic in LATEST_WINS:
-            self._last[topic] = payload
-        publisher.put(payload)
-        self._set_status(published=self._status.published + 1)
+        with self._changed:
+            self._questions.append(query)
+            self._changed.notify()
 
     def _answer(self, query: zenoh.Query) -> None:
-        """The last model, plan and health, for somebody who has just come; runs in zenoh's thread."""
-        self._asked += 1
-        with query:
-            for topic, payload in list(self._last.items()):
-                name = wire.key(self._vehicle, topic)
-                if query.key_expr.intersects(name):
-                    encoding = zenoh.Encoding.APPLICATION_CBOR.with_schema(wire.schema(topic))
-                    query.reply(name, payload, encoding=encoding)
+        """The newest of what is asked for; of observations and lines the piece that is asked for."""
+        try:
+            wanted = wanted_piece(query.parameters.get("from"), query.parameters.get("count"))
+        except wire.WireError as error:
+            query.reply_err(str(error))
+            return
+        for topic in Topic:
+            name = wire.key(self._vehicle, topic)
+            if not query.key_expr.intersects(name):
+                continue
+            if topic in LATEST_WINS:
+                payload = self._outbox.latest(topic)
+            else:
+                payload = None if wanted is None else self._outbox.piece(topic, wanted.first, wanted.count)
+            if payload is not None:
+                encoding = zenoh.Encoding.APPLICATION_CBOR.with_schema(wire.schema(topic))
+                query.reply(name, payload, encoding=encoding)
 
     def _look_around(self, session: zenoh.Session, publisher: zenoh.Publisher) -> None:
         connected = len(session.info.routers_zid()) + len(session.info.peers_zid())

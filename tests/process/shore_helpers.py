@@ -16,7 +16,7 @@ from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.sparse_gp import SparseOnlineGP
 from autonomy.shell.publisher import Publisher
-from autonomy.wire import HealthNotice, ModelSnapshot, ObservationNotice, PlanNotice, decode
+from autonomy.wire import HealthNotice, ModelSnapshot, ObservationNotice, PlanNotice, SurveyNotice, decode
 
 SOON_S = 60.0
 
@@ -73,6 +73,10 @@ def model_snapshot(model, sequence: int = 0, vehicle: str = "boat1") -> ModelSna
         origin_lat_deg=34.4,
         origin_lon_deg=-120.5,
         bounds_m=(0.0, 0.0, 12_000.0, 9_000.0),
+        survey="off Point Conception",
+        capacity=60,
+        rho0=0.6,
+        configuration_hash="0123456789abcdef",
     )
 
 
@@ -80,6 +84,24 @@ def plan_notice(sequence: int = 0) -> PlanNotice:
     """A plan of three corners, two of them spots."""
     corners = ((34.41, -120.49), (34.42, -120.47), (34.44, -120.46))
     return PlanNotice(sequence, (34.4, -120.5), corners, (True, False, True), 4.5, "paper", "path finished")
+
+
+def survey_notice() -> SurveyNotice:
+    """A survey with an island."""
+    area = ((34.4, -120.5), (34.4, -120.37), (34.48, -120.37), (34.48, -120.5))
+    island = ((34.43, -120.45), (34.43, -120.44), (34.44, -120.44))
+    return SurveyNotice(
+        name="off Point Conception",
+        variable="sea_water_practical_salinity",
+        long_name="sea water practical salinity",
+        units="1",
+        valid_range=(0.0, 42.0),
+        rho0=0.6,
+        capacity=60,
+        bounds_deg=(34.4, -120.5, 34.48, -120.37),
+        area=(area,),
+        land=(island,),
+    )
 
 
 def health_notice(reason: str = "") -> HealthNotice:

@@ -24,6 +24,7 @@ from shore_helpers import (
     plan_notice,
     publisher,
     router,
+    survey_notice,
 )
 
 pytestmark = pytest.mark.process
@@ -32,18 +33,29 @@ pytestmark = pytest.mark.process
 def test_everything_arrives_under_its_key_with_its_schema():
     endpoint = free_endpoint()
     with router(endpoint) as ashore, Listener(ashore) as listener, publisher(endpoint) as boat:
+        wait_until(lambda: boat.status.listened)
         values = {
             Topic.PLAN: plan_notice(),
-            Topic.HEALTH: health_notice(),
-            Topic.OBSERVATIONS: (observation(0), observation(1)),
-            Topic.LOG: wire.LogNotice("info", "under way"),
+            Topic.SURVEY: survey_notice(),
+            Topic.STATUS: wire.StatusDigest(b"digest"),
         }
-        for topic, value in values.items():
+        told = {
+            Topic.OBSERVATIONS: (observation(0), observation(1)),
+            Topic.LOG: wire.LogNotice("info", "under way", 1.7e9),
+        }
+        for topic, value in (values | told).items():
             boat.publish(topic, value)
-        for topic, value in values.items():
+        heard = {}
+        for topic in values | told:
             sample = listener.wait(f"usv/boat1/{topic.value}")
-            assert wire.decode(topic, sample.payload) == value
+            heard[topic] = wire.decode(topic, sample.payload)
             assert sample.encoding == f"application/cbor;halocline/{topic.value}/{wire.VERSION}"
+        assert {topic: heard[topic] for topic in values} == values
+        assert heard[Topic.OBSERVATIONS].items == told[Topic.OBSERVATIONS]
+        assert heard[Topic.LOG].items == (told[Topic.LOG],)
+        boat.publish(Topic.HEALTH, health_notice())
+        health = wire.decode(Topic.HEALTH, listener.wait("usv/boat1/health").payload)
+        assert (health.run, health.observations_end, health.log_end) == (heard[Topic.LOG].run, 2, 1)
 
 
 def test_without_a_router_the_newest_wins_and_queues_drop_their_oldest():
@@ -57,41 +69,34 @@ def test_without_a_router_the_newest_wins_and_queues_drop_their_oldest():
         assert boat.status.connected == 0
         assert not boat.status.listened
         with router(endpoint) as late, Listener(late) as listener:
-            sample = listener.wait("usv/boat1/observations")
-            kept = wire.decode(Topic.OBSERVATIONS, sample.payload)
-            assert [one.model_time_s for one in kept] == list(range(990, 1000))
-            assert listener.ask("usv/boat1/*")[Topic.HEALTH] == health_notice("999")
+            assert listener.wait("usv/boat1/alive").appeared
+            kept = listener.ask("usv/boat1/observations?from=0;count=4096")[Topic.OBSERVATIONS]
+            assert [one.model_time_s for one in kept.items] == list(range(990, 1000))
+            assert (kept.oldest, kept.first, kept.end) == (990, 990, 1000)
+            answers = listener.ask("usv/boat1/*")
+            assert answers.keys() == {Topic.HEALTH}, "what is told in order is asked for by number"
+            assert answers[Topic.HEALTH].reason == "999"
 
 
-def test_observations_of_an_outage_arrive_after_it():
+def test_what_is_asked_for_wrongly_is_answered_with_what_is_wrong():
     endpoint = free_endpoint()
-    with publisher(endpoint) as boat:
-        with router(endpoint) as first, Listener(first) as listener:
-            boat.publish(Topic.OBSERVATIONS, observation(0))
-            listener.wait("usv/boat1/observations")
-            wait_until(lambda: boat.status.connected == 1 and boat.status.listened)
-        wait_until(lambda: boat.status.connected == 0)
-        for number in range(1, 4):
-            boat.publish(Topic.OBSERVATIONS, observation(number))
-        with router(endpoint) as second, Listener(second) as listener:
-            sample = listener.wait("usv/boat1/observations")
-            heard = wire.decode(Topic.OBSERVATIONS, sample.payload)
-            # The first may have been lost with the router, for all that the boat knows.
-            assert heard == tuple(observation(n) for n in range(4))
+    with router(endpoint) as ashore, Listener(ashore) as listener, publisher(endpoint):
+        assert listener.wait("usv/boat1/alive").appeared
+        for parameters in ("from=soon;count=1", "from=0", "count=1", "from=0;count=-1", "from=1e3;count=1"):
+            (reply,) = ashore.get(f"usv/boat1/observations?{parameters}", timeout=SOON_S)
+            assert "must be a whole number" in bytes(reply.err.payload).decode()
 
 
-def test_one_observation_that_cannot_be_written_does_not_take_the_others_with_it():
+def test_one_observation_that_cannot_be_written_does_not_take_the_others_with_it(caplog):
     endpoint = free_endpoint()
-    with publisher(endpoint) as boat:
-        for number in range(20):
-            boat.publish(Topic.OBSERVATIONS, observation(number))
-        boat.publish(Topic.OBSERVATIONS, wire.ObservationNotice(0.0, 200.0, 0.0, 33.0, 1, (1,) * 7))
-        with router(endpoint) as late, Listener(late) as listener:
-            heard = []
-            while len(heard) < 20:
-                heard += wire.decode(Topic.OBSERVATIONS, listener.wait("usv/boat1/observations").payload)
-            assert heard == [observation(number) for number in range(20)]
-            assert boat.status.refused == 1
+    wrong = wire.ObservationNotice(0.0, 200.0, 0.0, 33.0, 1, (1,) * 7)
+    with router(endpoint) as ashore, Listener(ashore) as listener, publisher(endpoint) as boat:
+        boat.publish(Topic.OBSERVATIONS, (observation(0), wrong, observation(1)))
+        assert boat.status.refused == 1
+        assert "observations: lat_deg: must be a number from -90 to 90" in caplog.text
+        assert listener.wait("usv/boat1/alive").appeared
+        kept = listener.ask("usv/boat1/observations?from=0;count=4096")[Topic.OBSERVATIONS]
+        assert kept.items == (observation(0), observation(1))
 
 
 def test_publishing_never_waits_for_the_thread_that_owns_the_session():
@@ -107,21 +112,11 @@ def test_presence_comes_and_goes_with_the_publisher():
     with router(endpoint) as ashore, Listener(ashore) as listener:
         with publisher(endpoint) as boat:
             assert listener.wait("usv/boat1/alive").appeared
-            boat.publish(Topic.LOG, wire.LogNotice("info", "last words"))
             wait_until(lambda: boat.status.listened)
+            boat.publish(Topic.LOG, wire.LogNotice("info", "last words"))
             assert boat.stop(SOON_S)
         assert not listener.wait("usv/boat1/alive").appeared
         assert listener.wait("usv/boat1/log")
-
-
-def test_what_cannot_be_encoded_is_counted_and_nothing_else_suffers(caplog):
-    endpoint = free_endpoint()
-    with router(endpoint) as ashore, Listener(ashore) as listener, publisher(endpoint) as boat:
-        boat.publish(Topic.OBSERVATIONS, wire.ObservationNotice(0.0, 200.0, 0.0, 33.0, 1, (1,) * 7))
-        wait_until(lambda: boat.status.refused == 1)
-        assert "observations: lat_deg: must be a number from -90 to 90" in caplog.text
-        boat.publish(Topic.OBSERVATIONS, observation(1))
-        assert listener.wait("usv/boat1/observations")
 
 
 def test_nobody_named_to_dial_nothing_opened():

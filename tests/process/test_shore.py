@@ -19,9 +19,11 @@ from zenoh import CongestionControl
 from autonomy.effects import Topic
 from autonomy.endpoints import check_endpoint
 from autonomy.shore import watch_cli
+from autonomy.shore.inbox import Arrival
 from autonomy.shore.picture import write_map
+from autonomy.shore.roster import MAXIMUM_VEHICLES
 from autonomy.shore.subscriber import Presence, Subscriber, VehicleView
-from autonomy.wire import LogNotice, ModelSnapshot, encode
+from autonomy.wire import LogBatch, LogNotice, ModelSnapshot, encode
 
 sys.path.insert(0, str(Path(__file__).parent))
 from shore_helpers import (
@@ -136,7 +138,7 @@ def test_hostile_bytes_are_counted_and_change_nothing(learnt, caplog):
         ("usv/boat1/model", b"\xff" * 100),
         ("usv/boat1/model", good[: len(good) // 2]),
         ("usv/boat1/plan", b"\x81" * 100_000),
-        ("usv/boat1/health", encode(LogNotice("info", "wrong place"))),
+        ("usv/boat1/health", encode(LogBatch(1, 0, 0, 1, (LogNotice("info", "wrong place"),)))),
         ("usv/boat1/nonsense", good),
         ("usv/boat2/model", good),
         ("usv/böat/model", good),
@@ -156,24 +158,27 @@ def test_hostile_bytes_are_counted_and_change_nothing(learnt, caplog):
 def test_a_vehicle_of_another_version_is_named_once(caplog):
     endpoint = free_endpoint()
     content = cbor2.loads(encode(health_notice()))
-    older = cbor2.dumps({**content, "v": 1})
+    older = cbor2.dumps({**content, "v": 2})
     with Subscriber(listen=[endpoint]) as shore, session("client", connect=[endpoint]) as stranger:
         for _ in range(5):
             stranger.put("usv/boat1/health", older, congestion_control=BLOCK)
         assert shore.wait_for(lambda one: one.counters.refused == 5, SOON_S)
     (line,) = [record.message for record in caplog.records if "refused" in record.message]
     assert "usv/boat1/health" in line
-    assert "must be 2 (got 1): the software on board and ashore must be of the same version" in line
+    assert "must be 3 (got 2): the software on board and ashore must be of the same version" in line
 
 
 def test_names_from_strangers_do_not_fill_the_memory():
     endpoint = free_endpoint()
-    line = encode(LogNotice("info", "hello"))
+    line = encode(LogBatch(1, 0, 0, 1, (LogNotice("info", "hello"),)))
     with Subscriber(listen=[endpoint]) as shore, session("client", connect=[endpoint]) as stranger:
-        for number in range(200):
-            stranger.put(f"usv/boat{number}/log", line, congestion_control=BLOCK)
-        assert shore.wait_for(lambda one: one.counters.refused == 200 - 64, SOON_S)
-        assert len(shore.vehicles()) == 64
+        for number in range(1000):
+            stranger.put(f"usv/stranger{number}/log", line, congestion_control=BLOCK)
+        assert shore.wait_for(lambda one: one.counters.refused == 1000 - MAXIMUM_VEHICLES, SOON_S)
+        assert len(shore.vehicles()) == MAXIMUM_VEHICLES
+        with publisher(endpoint):
+            assert shore.wait_for(lambda one: one.latest("boat1").alive, SOON_S)
+            assert len(shore.vehicles()) == MAXIMUM_VEHICLES
 
 
 def test_what_was_heard_live_is_not_undone_by_an_older_answer(learnt):
@@ -181,14 +186,19 @@ def test_what_was_heard_live_is_not_undone_by_an_older_answer(learnt):
     seen = []
     shore = Subscriber(connect=["tcp/127.0.0.1:1"], on_update=seen.append)
     older, newer = model_snapshot(model, 1), model_snapshot(model, 2)
+    entry = shore._roster.entry("boat1")
+
+    def keep(value, query):
+        shore._keep(entry, Topic.MODEL, value, Arrival("usv/boat1/model", 0.0, query=query))
+
     shore._queries = 1
-    shore._keep("boat1", Topic.MODEL, newer, None)
-    shore._keep("boat1", Topic.MODEL, older, 1)
+    keep(newer, None)
+    keep(older, 1)
     assert shore.latest("boat1").model is newer
     shore._queries = 2
-    shore._keep("boat1", Topic.MODEL, older, 2)
+    keep(older, 2)
     assert shore.latest("boat1").model is older
-    shore._keep("boat1", Topic.MODEL, older, None)
+    keep(older, None)
     assert len(seen) == 2
 
 

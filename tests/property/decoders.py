@@ -17,7 +17,8 @@ import shapely
 import zstandard
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy import config, jobs, records, structure, wire
+from autonomy import config, frames, jobs, records, structure, wire
+from autonomy.charting import survey_notice
 from autonomy.config import Configuration, ConfigurationError
 from autonomy.core import Core
 from autonomy.effects import Publish, Topic
@@ -37,7 +38,7 @@ from autonomy.planning.polygon_files import Role, read_polygons
 from autonomy.planning.survey import SurveyArea
 from autonomy.records import RecordDecoder, RecordError
 from autonomy.replay import read_configuration, read_survey_area
-from autonomy.shell import checkpoint, frames
+from autonomy.shell import checkpoint
 from autonomy.shell.checkpoint import Checkpoint, CheckpointError
 from autonomy.shell.journal_files import JournalError, read_header
 
@@ -231,17 +232,19 @@ def payload(topic: Topic) -> bytes:
     values: dict[Topic, Any] = {
         Topic.MODEL: wire.ModelSnapshot(
             "boat", 3, "0.1", "sea_water_salinity", "1", model(), 100.0, None, 12, 0.2, 1, figures, figures,
-            33.5, -118.5, (0.0, 0.0, 3000.0, 2000.0),
+            33.5, -118.5, (0.0, 0.0, 3000.0, 2000.0), "a survey", 6, 0.6, "0123456789abcdef",
         ),
         Topic.PLAN: wire.PlanNotice(
             1, (33.5, -118.5), ((33.51, -118.5), (33.52, -118.49)), (True, False), 1.5, "route", "first plan",
             2.0, 1.0, 0.3, (("lawnmower", 2.5),), 7, 12,
         ),
-        Topic.OBSERVATIONS: tuple(
+        Topic.OBSERVATIONS: wire.ObservationBatch(5, 2, 0, 9, tuple(
             wire.ObservationNotice(float(k), 33.5, -118.5, 33.0 + k, 1, (1, 1, 1, 1, 1, 1, 1)) for k in range(3)
-        ),
+        )),
         Topic.HEALTH: health(figures),
-        Topic.LOG: wire.LogNotice("info", "sailing"),
+        Topic.LOG: wire.LogBatch(5, 0, 0, 1, (wire.LogNotice("info", "sailing", 1e9),)),
+        Topic.SURVEY: survey_notice(CONFIGURATION, SURVEY),
+        Topic.STATUS: wire.StatusDigest(b"a digest"),
     }  # fmt: skip
     return wire.encode(values[topic])
 

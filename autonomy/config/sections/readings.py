@@ -85,6 +85,13 @@ class SensorSection(Section):
 class SurveySection(Section):
     """Where to survey. Files are GeoJSON, QGroundControl .plan, KML or KMZ, relative to the configuration file."""
 
+    name: str = Field(
+        default="survey",
+        min_length=1,
+        max_length=100,
+        description="name of the survey; goes into what is published",
+        json_schema_extra={"allowed": "1 to 100 characters"},
+    )
     area: Area = Field(
         description="the survey area",
         json_schema_extra={"unit": "degrees", "allowed": AREA_FORMS},
