@@ -1,48 +1,50 @@
 """The server's addresses and their answers; docs/page.md has them all."""
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import AsyncIterator, Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from aiohttp import web
+from aiohttp.typedefs import Handler, Middleware
 
-from autonomy.effects import Topic
-from autonomy.shore.server import guards, parameters
-from autonomy.shore.server.atelier import Atelier, BusyError
+from autonomy.shore.server import parameters
+from autonomy.shore.server.atelier import BusyError
 from autonomy.shore.server.colours import colormaps
-from autonomy.shore.server.fleet import Fleet
+from autonomy.shore.server.fleet import Fleet, UnknownVehicleError
+from autonomy.shore.server.guards import add_headers
 from autonomy.shore.server.live import Live
-from autonomy.shore.server.maps import FieldMap, evaluate
+from autonomy.shore.server.nowcasts import Found, NoModelError, Nowcasts
 from autonomy.shore.server.plain import bounds, dumps
-from autonomy.wire import ModelSnapshot, decode
+from autonomy.shore.server.state import Lag, memory_mb
+from autonomy.shore.subscriber import Counters
 
 PAGE = Path(__file__).parent.parent / "page"
+_LARGEST_BODY = 4096
 
 
 @dataclass(frozen=True)
 class Parts:
-    """What the answers are made of."""
+    """What the answers are made of; `page` is the folder of the page's files."""
 
     fleet: Fleet
     live: Live
-    atelier: Atelier
-    page: Path
+    nowcasts: Nowcasts
+    lag: Lag
+    counters: Callable[[], Counters]
+    page: Path = PAGE
 
 
 PARTS = web.AppKey("parts", Parts)
 
 
-def application(
-    parts: Parts, names: tuple[str, ...] | None = guards.LOOPBACK, middlewares: Iterable[Any] = ()
-) -> web.Application:
-    """The application; `names` by which it may be called, None for any."""
-    app = web.Application(middlewares=[guards.check_names(names), *middlewares], client_max_size=4096)
+def application(parts: Parts, *middlewares: Middleware) -> web.Application:
+    """The application behind its guards, the outermost first."""
+    app = web.Application(middlewares=[*middlewares, _refusals], client_max_size=_LARGEST_BODY)
     app[PARTS] = parts
-    app.on_response_prepare.append(guards.add_headers)
+    app.on_response_prepare.append(add_headers)
     app.cleanup_ctx.append(_background)
     app.add_routes(
         [
@@ -54,6 +56,7 @@ def application(
             web.get("/api/vehicle/{vehicle}/map", _map),
             web.get("/api/vehicle/{vehicle}/predict", _predict),
             web.get("/api/colormaps", _colormaps),
+            web.get("/api/server", _server),
             web.get("/api/live", _live),
         ]
     )
@@ -61,10 +64,27 @@ def application(
 
 
 async def _background(app: web.Application) -> AsyncIterator[None]:
-    task = asyncio.create_task(app[PARTS].live.tell_of_the_fleet())
+    parts = app[PARTS]
+    tasks = [asyncio.create_task(each) for each in (parts.live.tell_of_the_fleet(), parts.lag.watch())]
     yield
-    task.cancel()
-    app[PARTS].atelier.close()
+    for task in tasks:
+        task.cancel()
+
+
+@web.middleware
+async def _refusals(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """What can't be answered, in the words of HTTP."""
+    try:
+        return await handler(request)
+    except parameters.ParameterError as error:
+        raise web.HTTPBadRequest(text=f"{error}\n") from None
+    except UnknownVehicleError as error:
+        raise web.HTTPNotFound(text=f"{error}\n") from None
+    except NoModelError as error:
+        raise web.HTTPServiceUnavailable(text=f"{error}\n", headers={"Retry-After": "5"}) from None
+    except BusyError:
+        text = "more maps are asked for than can be made\n"
+        raise web.HTTPServiceUnavailable(text=text, headers={"Retry-After": "1"}) from None
 
 
 def _json(value: Any) -> web.Response:
@@ -95,59 +115,30 @@ async def _vehicles(request: web.Request) -> web.StreamResponse:
 
 async def _vehicle(request: web.Request) -> web.StreamResponse:
     parameters.known(request)
-    return _json(_of_vehicle(request, request.app[PARTS].fleet.everything))
+    return _json(request.app[PARTS].fleet.everything(parameters.vehicle(request)))
 
 
 async def _history(request: web.Request) -> web.StreamResponse:
     parameters.known(request)
-    return _json(_of_vehicle(request, request.app[PARTS].fleet.history))
+    return _json(request.app[PARTS].fleet.history(parameters.vehicle(request)))
 
 
-def _of_vehicle(request: web.Request, answer: Any, *more: Any) -> Any:
-    name = parameters.vehicle(request.match_info["vehicle"])
-    try:
-        return answer(name, *more)
-    except KeyError:
-        raise web.HTTPNotFound(text=f"{name} has not been heard of\n") from None
-
-
-async def _snapshot(request: web.Request) -> tuple[float, ModelSnapshot]:
-    """The stop and the model that a request is about."""
-    fleet, at_s = request.app[PARTS].fleet, parameters.moment(request)
-    newest = _of_vehicle(request, fleet.newest)
-    if newest is None:
-        raise web.HTTPServiceUnavailable(text="no model has come yet\n", headers={"Retry-After": "5"})
-    if at_s is None or at_s >= newest[0]:
-        return newest[0], newest[1]
-    stop_s, payload = _of_vehicle(request, fleet.stop, at_s)
-    key = ("model", request.match_info["vehicle"], stop_s)
-    recipe = partial(decode, Topic.MODEL, payload)
-    return stop_s, await _make(request, key, recipe, lambda _: 20 * len(payload))
-
-
-async def _make(request: web.Request, key: Any, recipe: Any, size: Any) -> Any:
-    try:
-        return await request.app[PARTS].atelier.make(key, recipe, size)
-    except BusyError:
-        raise web.HTTPServiceUnavailable(
-            text="too many maps are asked for at once\n", headers={"Retry-After": "1"}
-        ) from None
+async def _found(request: web.Request) -> Found:
+    """The model that a request is about."""
+    name, at_s = parameters.vehicle(request), parameters.moment(request)
+    return await request.app[PARTS].nowcasts.find(name, at_s)
 
 
 async def _map(request: web.Request) -> web.StreamResponse:
     parameters.known(request, "at", "south", "west", "north", "east", "rows", "columns")
-    stop_s, snapshot = await _snapshot(request)
-    extent = parameters.extent(request, bounds(snapshot))
-    key = ("map", snapshot.vehicle, stop_s, snapshot.sequence, extent)
-    made: FieldMap = await _make(
-        request, key, partial(evaluate, snapshot, extent), lambda each: each.mean.nbytes + each.sd.nbytes
-    )
+    found = await _found(request)
+    extent = parameters.extent(request, bounds(found.snapshot))
+    made = await request.app[PARTS].nowcasts.map(found, extent)
     headers = {
-        "X-Sequence": str(snapshot.sequence),
-        "X-Utc": f"{stop_s:.3f}",
+        "X-Sequence": str(found.snapshot.sequence),
+        "X-Utc": f"{found.stop_s:.3f}",
         "X-Rows": str(extent.rows),
         "X-Columns": str(extent.columns),
-        "X-Units": snapshot.units.encode("ascii", "replace").decode(),
     }
     for name, values in (("Mean", made.mean), ("Sd", made.sd)):
         if not np.isnan(values).all():
@@ -158,21 +149,11 @@ async def _map(request: web.Request) -> web.StreamResponse:
 
 async def _predict(request: web.Request) -> web.StreamResponse:
     parameters.known(request, "at", "lat", "lon")
-    lat = parameters.number(request, "lat", -90.0, 90.0)
-    lon = parameters.number(request, "lon", -180.0, 360.0)
-    _, snapshot = await _snapshot(request)
-    key = ("predict", snapshot.vehicle, snapshot.sequence, snapshot.model_time_s, lat, lon)
-    recipe = partial(_at_place, snapshot, lat, lon)
-    mean, sd = await _make(request, key, recipe, lambda _: 500)
-    return _json({"mean": mean, "sd": sd, "units": snapshot.units, "land": False})
-
-
-def _at_place(snapshot: ModelSnapshot, lat_deg: float, lon_deg: float) -> tuple[float, float]:
-    from autonomy.geometry import LocalFrame
-
-    point = LocalFrame(snapshot.origin_lat_deg, snapshot.origin_lon_deg).to_local([lat_deg], [lon_deg])
-    prediction = snapshot.model.predict(point)
-    return float(prediction.mean[0]), float(np.sqrt(max(0.0, float(prediction.variance[0]))))
+    lat_deg = parameters.number(request, "lat", -90.0, 90.0)
+    lon_deg = parameters.number(request, "lon", -180.0, 360.0)
+    found = await _found(request)
+    value = await request.app[PARTS].nowcasts.value(found, lat_deg, lon_deg)
+    return _json({**asdict(value), "units": found.snapshot.units, "utc_s": found.stop_s})
 
 
 async def _colormaps(request: web.Request) -> web.StreamResponse:
@@ -180,6 +161,20 @@ async def _colormaps(request: web.Request) -> web.StreamResponse:
     response = _json(colormaps())
     response.headers["Cache-Control"] = "max-age=86400"
     return response
+
+
+async def _server(request: web.Request) -> web.StreamResponse:
+    parameters.known(request)
+    parts = request.app[PARTS]
+    return _json(
+        {
+            "vehicles": len(parts.fleet),
+            **asdict(parts.counters()),
+            "lag_s": round(parts.lag.longest_s, 3),
+            "memory_mb": round(memory_mb(), 1),
+            "clients": len(parts.live),
+        }
+    )
 
 
 async def _live(request: web.Request) -> web.StreamResponse:

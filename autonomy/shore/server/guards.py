@@ -20,7 +20,6 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Permissions-Policy": "geolocation=(), camera=(), microphone=()",
 }
-LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
 async def add_headers(request: web.Request, response: web.StreamResponse) -> None:

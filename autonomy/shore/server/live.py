@@ -14,6 +14,7 @@ MAXIMUM_CLIENTS = 64
 _QUEUE = 500
 _PATIENCE_S = 20.0
 _FLEET_PERIOD_S = 1.0
+_QUIET = 10
 _IN_ORDER = (Topic.OBSERVATIONS.value, Topic.LOG.value)
 
 
@@ -94,12 +95,15 @@ class Live:
                 client.woken.set()
 
     async def tell_of_the_fleet(self) -> None:
-        """For ever: the fleet's list to all pages when it has changed, once a second at most."""
+        """For ever: the fleet's list to all pages, once a second if it has changed, and now and then in any case."""
+        quiet = 0
         while True:
             await asyncio.sleep(_FLEET_PERIOD_S)
             with self._lock:
                 changed, self._fleet_changed = self._fleet_changed, False
-            if changed and self._clients:
+            quiet = 0 if changed else quiet + 1
+            # A page can't tell a line that is dead from one on which nothing happens.
+            if (changed or quiet % _QUIET == 0) and self._clients:
                 text = dumps({"type": "vehicles", "data": self._fleet.summaries()})
                 with self._lock:
                     for client in self._clients:

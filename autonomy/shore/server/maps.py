@@ -1,14 +1,27 @@
-"""The nowcast on a grid of latitudes and longitudes."""
+"""The nowcast on a grid of latitudes and longitudes, fast enough to follow a mouse."""
 
+import math
+import threading
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from autonomy.geometry import FloatArray, LocalFrame
+from autonomy.learning.field_model import FieldModel
+from autonomy.learning.prediction import Prediction
+from autonomy.shore.server import chebyshev
 from autonomy.wire import ModelSnapshot
 
 Float32Array = NDArray[np.float32]
+BoolArray = NDArray[np.bool_]
+
+_TOLERANCE = 1e-6
+"""Of a map, in standard deviations and variances of the field: what is drawn is a hundred times as coarse."""
+_CHECKS = 100
+_MOST_POINTS = 0.3
+"""Of the cells: with more points than this, interpolation saves nothing."""
 
 
 @dataclass(frozen=True)
@@ -44,17 +57,102 @@ class FieldMap:
     mean: Float32Array
     sd: Float32Array
 
+    @property
+    def size_bytes(self) -> int:
+        """Of both."""
+        return self.mean.nbytes + self.sd.nbytes
 
-def evaluate(snapshot: ModelSnapshot, extent: Extent) -> FieldMap:
-    """The map of a snapshot: NaN outside the survey's area."""
-    frame = LocalFrame(snapshot.origin_lat_deg, snapshot.origin_lon_deg)
-    lat, lon = np.meshgrid(extent.latitudes, extent.longitudes, indexing="ij")
-    points = frame.to_local(lat, lon)
-    x_min, y_min, x_max, y_max = snapshot.bounds_m
-    x, y = points[..., 0], points[..., 1]
-    inside = (x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max)
-    mean, sd = np.full((2, *inside.shape), np.nan, dtype=np.float32)
-    prediction = snapshot.model.predict(points[inside])
-    mean[inside] = prediction.mean
-    sd[inside] = np.sqrt(np.maximum(prediction.variance, 0.0))
+
+def frame_of(snapshot: ModelSnapshot) -> LocalFrame:
+    """Local metres of a snapshot's survey, made once per thread: PROJ's handles are costly, and not for several."""
+    return _frame(snapshot.origin_lat_deg, snapshot.origin_lon_deg, threading.get_ident())
+
+
+@lru_cache(maxsize=512)
+def _frame(lat_deg: float, lon_deg: float, _thread: int) -> LocalFrame:
+    return LocalFrame(lat_deg, lon_deg)
+
+
+def predict(snapshot: ModelSnapshot, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+    """Mean and standard deviation at one position, in the variable's units."""
+    prediction = snapshot.model.predict(frame_of(snapshot).to_local([lat_deg], [lon_deg]))
+    return float(prediction.mean[0]), math.sqrt(max(0.0, float(prediction.variance[0])))
+
+
+def evaluate(snapshot: ModelSnapshot, extent: Extent, land: BoolArray | None = None) -> FieldMap:
+    """The map of a snapshot: NaN outside the survey's rectangle, and where `land` (rows, columns) is true."""
+    lat, lon = extent.latitudes, extent.longitudes
+    rows, columns = _window(snapshot, lat, lon)
+    mean, sd = np.full((2, len(lat), len(lon)), np.nan, dtype=np.float32)
+    if rows.stop > rows.start and columns.stop > columns.start:
+        local, prediction = _values(snapshot, lat[rows], lon[columns])
+        x_min, y_min, x_max, y_max = snapshot.bounds_m
+        x, y = local
+        hidden = (x < x_min) | (x > x_max) | (y < y_min) | (y > y_max)
+        if land is not None:
+            hidden |= land[rows, columns]
+        mean[rows, columns] = np.where(hidden, np.nan, prediction.mean)
+        sd[rows, columns] = np.where(hidden, np.nan, np.sqrt(np.maximum(prediction.variance, 0.0)))
     return FieldMap(mean, sd)
+
+
+def _window(snapshot: ModelSnapshot, lat: FloatArray, lon: FloatArray) -> tuple[slice, slice]:
+    """The rows and columns that the survey's rectangle reaches into."""
+    south, west, north, east = bounds_deg(snapshot)
+    return _within(lat, south, north), _within(lon, west, east)
+
+
+def _within(axis: FloatArray, low: float, high: float) -> slice:
+    inside = np.flatnonzero((axis >= low) & (axis <= high))
+    return slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0)
+
+
+def bounds_deg(snapshot: ModelSnapshot) -> tuple[float, float, float, float]:
+    """South, west, north, east of the smallest rectangle of degrees around the survey's rectangle of metres."""
+    x_min, y_min, x_max, y_max = snapshot.bounds_m
+    x, y = np.linspace(x_min, x_max, 17), np.linspace(y_min, y_max, 17)
+    edge = [(a, b) for a in x for b in (y_min, y_max)] + [(a, b) for a in (x_min, x_max) for b in y]
+    degrees = frame_of(snapshot).to_geodetic(edge)
+    (south, west), (north, east) = degrees.min(axis=0).tolist(), degrees.max(axis=0).tolist()
+    return south, west, north, east
+
+
+def _values(snapshot: ModelSnapshot, lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, Prediction]:
+    """Local metres (2, rows, columns) and the prediction, at every cell."""
+    model = snapshot.model
+
+    def exactly(lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
+        local = frame_of(snapshot).to_local(lat_deg, lon_deg)
+        prediction = model.predict(local)
+        return np.stack([*local.T, prediction.latent_mean, prediction.latent_variance])
+
+    counts = _counts(snapshot, lat, lon)
+    if counts[0] * counts[1] + _CHECKS <= _MOST_POINTS * len(lat) * len(lon):
+        values, errors = chebyshev.on_grid(exactly, lat, lon, counts, _CHECKS)
+        if _is_close(errors, model):
+            return values[:2], Prediction(values[2], values[3], model.transform)
+    values = exactly(*(each.ravel() for each in np.meshgrid(lat, lon, indexing="ij")))
+    values = values.reshape(4, len(lat), len(lon))
+    return values[:2], Prediction(values[2], values[3], model.transform)
+
+
+def _is_close(errors: FloatArray, model: FieldModel) -> bool:
+    """Whether the map is good enough; of the places, a millimetre will do."""
+    variance = model.kernel.signal_variance
+    allowed = np.array([1e-3, 1e-3, _TOLERANCE * math.sqrt(variance), _TOLERANCE * variance])
+    return bool((errors <= allowed).all())
+
+
+def _counts(snapshot: ModelSnapshot, lat: FloatArray, lon: FloatArray) -> tuple[int, int]:
+    """Chebyshev's points along both axes.
+
+    The variance is made of products of two correlations: of Gaussians with the length-scale l, those have the spectrum
+    exp(−(ωl)²/4), which is below e⁻²⁰ from ω = √80/l on. A polynomial on an interval of half-width h needs ωh
+    terms for waves of frequency ω, and a few more.
+    """
+    scales = np.array([each.space.lengthscales_m for each in snapshot.model.kernel.components])
+    ends = [[lat[0], lat[0], lat[-1], lat[-1]], [lon[0], lon[-1], lon[0], lon[-1]]]
+    corners = frame_of(snapshot).to_local(*ends)
+    half_m = 0.5 * np.ptp(corners, axis=0)
+    east, north = np.ceil(math.sqrt(80.0) * half_m / scales.min(axis=0) + 12.0).astype(int).tolist()
+    return min(north, len(lat)), min(east, len(lon))

@@ -13,15 +13,18 @@ _DEFAULT_SIDE = 200
 _WIDEST_DEG = 30.0
 
 
-def refuse(text: str) -> web.HTTPBadRequest:
-    """The answer to a request that can't be meant."""
-    return web.HTTPBadRequest(text=text + "\n")
+class ParameterError(ValueError):
+    """A request that can't be meant; says which parameter is wrong, and what would be right."""
 
 
-def vehicle(text: str) -> str:
-    """A vehicle's name."""
+def vehicle(request: web.Request) -> str:
+    """The vehicle that the request is about."""
+    return _name(request.match_info["vehicle"])
+
+
+def _name(text: str) -> str:
     if not VEHICLE_NAME.fullmatch(text):
-        raise refuse(f"vehicle: must match {VEHICLE_NAME.pattern}")
+        raise ParameterError(f"vehicle: must match {VEHICLE_NAME.pattern}")
     return text
 
 
@@ -30,17 +33,19 @@ def vehicles(request: web.Request) -> frozenset[str] | None:
     text = request.query.get("vehicles", "")
     names = [name for name in text.split(",") if name]
     if len(names) > 64:
-        raise refuse(f"vehicles: at most 64, not {len(names)}; none for all")
-    return frozenset(map(vehicle, names)) or None
+        raise ParameterError(f"vehicles: at most 64, not {len(names)}; none for all")
+    return frozenset(map(_name, names)) or None
 
 
 def known(request: web.Request, *names: str) -> None:
     """Refuse parameters that nobody reads, and those given twice."""
     for name in request.query:
         if name not in names:
-            raise refuse(f"{name[:40]!a}: not a parameter of this; there are {', '.join(names) or 'none'}")
+            raise ParameterError(
+                f"{name[:40]!a}: not a parameter of this; there are {', '.join(names) or 'none'}"
+            )
         if len(request.query.getall(name)) > 1:
-            raise refuse(f"{name}: given more than once")
+            raise ParameterError(f"{name}: given more than once")
 
 
 def number(request: web.Request, name: str, low: float, high: float, default: float | None = None) -> float:
@@ -48,14 +53,14 @@ def number(request: web.Request, name: str, low: float, high: float, default: fl
     text = request.query.get(name)
     if text is None:
         if default is None:
-            raise refuse(f"{name}: is missing")
+            raise ParameterError(f"{name}: is missing")
         return default
     try:
         value = float(text) if len(text) <= 40 else math.nan
     except ValueError:
         value = math.nan
     if not low <= value <= high:
-        raise refuse(f"{name}: must be a number from {low:g} to {high:g}")
+        raise ParameterError(f"{name}: must be a number from {low:g} to {high:g}")
     return value
 
 
@@ -65,7 +70,7 @@ def whole(request: web.Request, name: str, low: int, high: int, default: int) ->
     if text is None:
         return default
     if not (text.isascii() and text.isdecimal() and len(text) <= 9 and low <= int(text) <= high):
-        raise refuse(f"{name}: must be a whole number from {low} to {high}")
+        raise ParameterError(f"{name}: must be a whole number from {low} to {high}")
     return int(text)
 
 
@@ -83,12 +88,12 @@ def extent(request: web.Request, bounds: dict[str, float]) -> Extent:
     west = number(request, "west", -180.0, 360.0, bounds["west"])
     east = number(request, "east", -180.0, 360.0, bounds["east"])
     if not (0.0 < north - south <= _WIDEST_DEG and 0.0 < east - west <= _WIDEST_DEG):
-        raise refuse(
+        raise ParameterError(
             f"south, west, north, east: south must be below north, and west below east, "
             f"by {_WIDEST_DEG:g} degrees at most"
         )
     rows = whole(request, "rows", 1, MAXIMUM_SIDE, _DEFAULT_SIDE)
     columns = whole(request, "columns", 1, MAXIMUM_SIDE, _DEFAULT_SIDE)
     if rows * columns > MAXIMUM_CELLS:
-        raise refuse(f"rows, columns: at most {MAXIMUM_CELLS} cells in all, not {rows * columns}")
+        raise ParameterError(f"rows, columns: at most {MAXIMUM_CELLS} cells in all, not {rows * columns}")
     return Extent(south, west, north, east, rows, columns)

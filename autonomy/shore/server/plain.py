@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from autonomy.geometry import LocalFrame
 from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.kernel import Component
-from autonomy.wire import HealthNotice, ModelSnapshot, ObservationNotice, PlanNotice
+from autonomy.shore.server.maps import bounds_deg, frame_of
+from autonomy.wire import HealthNotice, ModelSnapshot, ObservationNotice, PlanNotice, SurveyNotice
 
 Plain = dict[str, Any]
-
-_EDGE_PIECES = 9
 
 
 def dumps(value: Any) -> str:
@@ -42,7 +40,6 @@ def known(value: Any) -> Any:
 def model(value: ModelSnapshot, stamp_s: float) -> Plain:
     """What a snapshot says of the field and of itself; `stamp_s` is the slider's stop that it belongs to."""
     kernel = value.model.kernel
-    frame = LocalFrame(value.origin_lat_deg, value.origin_lon_deg)
     return {
         "sequence": value.sequence,
         "utc_s": value.utc_s,
@@ -53,10 +50,16 @@ def model(value: ModelSnapshot, stamp_s: float) -> Plain:
         "kernel": [_component(component) for component in kernel.components],
         "noise_sd": math.sqrt(kernel.noise_variance),
         "transform": value.model.transform.name,
-        "basis": np.round(frame.to_geodetic(value.model.basis), 7).tolist(),
+        "basis": np.round(frame_of(value).to_geodetic(value.model.basis), 7).tolist(),
         "calibration": figures(value.calibration),
         "ahead": figures(value.ahead),
         "replans": value.replans,
+        "survey": value.survey,
+        "capacity": value.capacity,
+        "rho0": value.rho0,
+        "configuration_hash": value.configuration_hash,
+        "precision": value.precision,
+        "stated_error": value.stated_error,
         "software_version": value.software_version,
         "variable": value.variable,
         "units": value.units,
@@ -93,11 +96,26 @@ def observations(values: Iterable[ObservationNotice]) -> list[list[float]]:
     return [[one.model_time_s, one.lat_deg, one.lon_deg, one.value, one.flag] for one in values]
 
 
+def survey(value: SurveyNotice) -> Plain:
+    """What is surveyed, and where."""
+    south, west, north, east = value.bounds_deg
+    return {**asdict(value), "bounds": {"south": south, "west": west, "north": north, "east": east}}
+
+
+def survey_of_model(value: ModelSnapshot) -> Plain:
+    """The same, as far as a model knows it."""
+    return {
+        "name": value.survey,
+        "variable": value.variable,
+        "long_name": value.variable.replace("_", " "),
+        "units": value.units,
+        "rho0": value.rho0,
+        "capacity": value.capacity,
+        **dict.fromkeys(("area", "land", "keep_in", "keep_out", "fence"), ()),
+        "bounds": bounds(value),
+    }
+
+
 def bounds(value: ModelSnapshot) -> Plain:
-    """The smallest rectangle of degrees around the survey area's rectangle of local metres."""
-    x_min, y_min, x_max, y_max = value.bounds_m
-    x, y = np.linspace(x_min, x_max, _EDGE_PIECES), np.linspace(y_min, y_max, _EDGE_PIECES)
-    edge = [(a, b) for a in x for b in (y_min, y_max)] + [(a, b) for a in (x_min, x_max) for b in y]
-    degrees = LocalFrame(value.origin_lat_deg, value.origin_lon_deg).to_geodetic(edge)
-    (south, west), (north, east) = degrees.min(axis=0).tolist(), degrees.max(axis=0).tolist()
-    return {"south": south, "west": west, "north": north, "east": east}
+    """The smallest rectangle of degrees around a model's rectangle of local metres."""
+    return dict(zip(("south", "west", "north", "east"), bounds_deg(value), strict=True))

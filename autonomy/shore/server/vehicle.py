@@ -9,15 +9,15 @@ import numpy as np
 from autonomy.shore.server import plain
 from autonomy.shore.server.plain import Plain
 from autonomy.shore.server.thinning import Rows, Stops
-from autonomy.wire import HealthNotice, LogNotice, ModelSnapshot, ObservationNotice, PlanNotice
+from autonomy.wire import HealthNotice, LogNotice, ModelSnapshot, ObservationNotice, PlanNotice, SurveyNotice
 
 _TRACK_ROWS = 2000
 _SERIES_ROWS = 1000
 _PLANS = 300
 _LOG_LINES = 200
 _LOG_CHARACTERS = 50_000
-# Of a model: its time, ρ, basis vectors, standard deviation of the noise, samples; and then the length-scales.
-_SERIES = ("utc_s", "rho", "basis_size", "noise_sd", "samples")
+# What is kept of every model; and then its length-scales.
+_SERIES = ("utc_s", "model_time_s", "rho", "basis_size", "noise_sd", "samples")
 _MAXIMUM_LENGTHSCALES = 16
 
 
@@ -27,10 +27,14 @@ class Vehicle:
     def __init__(self, name: str, history_bytes: int) -> None:
         self.name = name
         self.alive = False
-        self.heard_s = -math.inf
-        self.model: ModelSnapshot | None = None
-        self.model_stamp_s = math.nan
+        self.heard_utc_s = -math.inf
+        self.newest: tuple[float, bytes] | None = None
+        self._ahead_s = 0.0
+        self._model: Plain | None = None
         self.stops = Stops(history_bytes)
+        self._model_survey: Plain | None = None
+        self.survey_notice: SurveyNotice | None = None
+        self.surveys = 0
         self._plan: tuple[PlanNotice, float] | None = None
         self._health: tuple[HealthNotice, float] | None = None
         self._track = Rows(5, _TRACK_ROWS)
@@ -40,16 +44,21 @@ class Vehicle:
         self._log_characters = 0
 
     def learn(self, value: ModelSnapshot, payload: bytes, received_utc_s: float) -> Plain:
-        """Take a model and the bytes that it came in."""
-        self.model = value
+        """Take a model and the bytes that it came in; only they are kept, for there may be many vehicles."""
         # A vehicle that doesn't know the time yet has its models by the time at which they came.
-        self.model_stamp_s = received_utc_s if value.utc_s is None else value.utc_s
-        self.stops.add(self.model_stamp_s, payload)
+        stamp_s = received_utc_s if value.utc_s is None else value.utc_s
+        # A simulation in a hurry runs ahead of our clock, and its plans with it.
+        self._ahead_s = max(0.0, stamp_s - received_utc_s)
+        self.newest = stamp_s, payload
+        self.stops.add(stamp_s, payload)
+        self._model = plain.model(value, stamp_s)
+        self._model_survey = plain.survey_of_model(value)
         kernel = value.model.kernel
         scales = [scale for each in kernel.components for scale in each.space.lengthscales_m]
         row = np.full(len(_SERIES) + _MAXIMUM_LENGTHSCALES, math.nan)
         row[: len(_SERIES)] = (
-            self.model_stamp_s,
+            stamp_s,
+            value.model_time_s,
             value.rho,
             len(value.model),
             math.sqrt(kernel.noise_variance),
@@ -57,14 +66,22 @@ class Vehicle:
         )
         row[len(_SERIES) :][: len(scales)] = scales
         self._series.add(row)
-        return plain.model(value, self.model_stamp_s)
+        return self._model
+
+    def survey(self, value: SurveyNotice) -> Plain:
+        """Take what is surveyed."""
+        if value != self.survey_notice:
+            self.survey_notice = value
+            self.surveys += 1
+        return plain.survey(value)
 
     def plan(self, value: PlanNotice, received_utc_s: float) -> Plain:
         """Take a plan."""
-        self._plan = (value, received_utc_s)
+        stamp_s = received_utc_s + self._ahead_s
+        self._plan = (value, stamp_s)
         names = ("mutual_information", "planner", "reason", "expected_rmse", "sequence")
-        self._plans.append({"utc_s": received_utc_s, **{name: getattr(value, name) for name in names}})
-        return plain.plan(value, received_utc_s)
+        self._plans.append({"utc_s": stamp_s, **{name: getattr(value, name) for name in names}})
+        return plain.plan(value, stamp_s)
 
     def health(self, value: HealthNotice, received_utc_s: float) -> Plain:
         """Take how it is."""
@@ -80,7 +97,8 @@ class Vehicle:
 
     def log(self, value: LogNotice, received_utc_s: float) -> Plain:
         """Take a line of its log."""
-        line = {"utc_s": received_utc_s, "level": value.level, "text": value.text}
+        utc_s = received_utc_s if value.utc_s is None else value.utc_s
+        line = {"utc_s": utc_s, "level": value.level, "text": value.text}
         if len(self._log) == _LOG_LINES:
             self._log_characters -= len(self._log.popleft()["text"])
         self._log.append(line)
@@ -89,53 +107,46 @@ class Vehicle:
             self._log_characters -= len(self._log.popleft()["text"])
         return line
 
-    def summary(self, now_s: float) -> Plain:
-        """A line of the fleet's list; `now_s` by the clock of `heard_s`."""
+    def summary(self, utc_s: float) -> Plain:
+        """A line of the fleet's list, at a time in seconds since 1970."""
         health = None if self._health is None else self._health[0]
-        model = self.model
+        model = self._model
         return {
             "vehicle": self.name,
             "alive": self.alive,
             "state": None if health is None else health.state,
             "reason": None if health is None else health.reason,
-            "variable": None if model is None else model.variable,
-            "units": None if model is None else model.units,
-            "samples": model.samples if health is None and model is not None else health and health.samples,
+            "variable": model and model["variable"],
+            "units": model and model["units"],
+            "samples": model and model["samples"] if health is None else health.samples,
             "lat": None if health is None else health.lat_deg,
             "lon": None if health is None else health.lon_deg,
-            "age_s": None if math.isinf(self.heard_s) else round(now_s - self.heard_s, 1),
+            "age_s": round(max(0.0, utc_s - self.heard_utc_s), 1),
         }
 
     def everything(self) -> Plain:
         """The latest of everything."""
-        model = self.model
         return {
             "vehicle": self.name,
             "alive": self.alive,
-            "survey": self.survey(),
-            "model": None if model is None else plain.model(model, self.model_stamp_s),
+            "survey": self._survey(),
+            "model": self._model,
             "plan": None if self._plan is None else plain.plan(*self._plan),
             "health": None if self._health is None else plain.health(*self._health),
             "track": self._track.all().tolist(),
             "log": list(self._log),
         }
 
-    def survey(self) -> Plain | None:
-        """The area, and what is known of it; None before there is a model."""
-        if self.model is None:
-            return None
-        return {
-            "name": None,
-            "variable": self.model.variable,
-            "long_name": self.model.variable.replace("_", " "),
-            "units": self.model.units,
-            "rho0": None if self._health is None else self._health[0].rho0,
-            "land": [],
-            "keep_in": [],
-            "keep_out": [],
-            "fence": [],
-            "bounds": plain.bounds(self.model),
-        }
+    def _survey(self) -> Plain | None:
+        """What is surveyed; only what the model says of it where nothing else has come."""
+        if self.survey_notice is not None:
+            return plain.survey(self.survey_notice)
+        return self._model_survey
+
+    @property
+    def rho0(self) -> float | None:
+        """The share of new basis vectors at which everything is estimated and planned anew."""
+        return None if self._model is None else self._model["rho0"]
 
     def history(self) -> Plain:
         """The slider's stops and what has changed over time."""
@@ -143,5 +154,5 @@ class Vehicle:
         series: dict[str, Any] = {name: table[:, column].tolist() for column, name in enumerate(_SERIES)}
         scales = table[:, len(_SERIES) :]
         series["lengthscales_m"] = [row[~np.isnan(row)].tolist() for row in scales]
-        series["rho0"] = None if self._health is None else self._health[0].rho0
+        series["rho0"] = self.rho0
         return {"models": self.stops.times_s, "series": series, "plans": list(self._plans)}
