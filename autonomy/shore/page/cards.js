@@ -37,6 +37,7 @@ export class Cards {
   }
 
   showHealth(health) {
+    this.#showQuality(health?.quality ?? {});
     if (!health) return this.vehicle.replaceChildren(nothing("Nothing has been heard of its state yet."));
     const placed = health.lat_deg !== null && health.lat_deg !== undefined;
     const rows = [
@@ -55,7 +56,6 @@ export class Cards {
       pairs(rows),
       ...troubles.filter(([, text]) => text).map(([what, text]) => element("p", { class: "trouble" }, element("b", {}, `${what}: `), text)),
     );
-    this.#showQuality(health.quality ?? {});
   }
 
   showModel(model, units) {

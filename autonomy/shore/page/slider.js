@@ -22,7 +22,11 @@ export class Timeline {
       "div", { class: "timeline", role: "group", "aria-label": "Time" },
       this.play, this.slider, element("div", { class: "timeline-text" }, this.time, this.note), this.live,
     );
-    this.slider.addEventListener("input", () => { this.#pause(); this.#go(Number(this.slider.value)); });
+    this.slider.addEventListener("input", () => {
+      const index = Number(this.slider.value);
+      this.#pause();
+      this.#go(index);
+    });
     this.live.addEventListener("click", () => { this.#pause(); this.#show(null); });
     this.play.addEventListener("click", () => (this.#playing ? this.#pause() : this.#start()));
     this.#draw();
