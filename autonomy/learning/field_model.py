@@ -162,14 +162,22 @@ class FieldModel:
                     mean[rows, columns] += self._mean(part, weight, y_axis[rows], len(x_axis[columns]))
         return mean
 
+    def known(self, points: FloatArray) -> FloatArray:
+        """What the readings have told of the latent field at `points` (N, d): H (r + 1, N), r at most the state's size.
+
+        The prior's covariance less HᵀH, its last row left out, is the posterior's; the last row is its mean less the
+        prior's.
+        """
+        return self._reduction @ self._stacked(points)
+
     def covariance(self, points: ArrayLike) -> FloatArray:
         """Posterior covariance (N, N) of the latent field between `points` (N, d)."""
         points = as_points(points, self.kernel.dimensions)
         prior = self.kernel.covariance(points, points)
         if not len(self):
             return prior
-        reduced = self._reduction[:-1] @ self._stacked(points)
-        prior -= reduced.T @ reduced
+        known = self.known(points)[:-1]
+        prior -= known.T @ known
         return prior
 
     def _stacked(self, points: FloatArray) -> FloatArray:

@@ -1,30 +1,33 @@
-"""FieldModel <-> versioned bytes, the same for the disk and for the shore.
+"""FieldModel <-> versioned bytes, the same for the disk and for the shore; see docs/snapshots.md.
 
-CBOR with typed arrays (RFC 8746, little-endian), compressed with zstd, which also carries a checksum:
+CBOR, compressed with zstd, which also carries a checksum:
 
-    {"schema": "halocline/field-model", "version": 2,
+    {"schema": "halocline/field-model", "version": 3,
+     "precision": "lossless", "16 bit", "12 bit" or "8 bit",
      "components": [{"variance": number, "space": name, "lengthscales_m": [number per axis],
                      "time": name, "timescale_s": number, infinite for what is static}, …],
      "noise_variance", "prior_mean", "jitter": numbers,
      "transform": {"name": name, its numbers},
-     "basis": float64 (m·d), row by row,
-     "mean": float32 (n), n = m × groups: the components that move alike are one group (see `kernel`),
-     "gain": float32 (n(n + 1)/2), the lower triangle of I − S, row by row,
+     "basis": m places of d axes, exactly: see `snapshot_parts.basis_parts`,
      "metadata": {name: text, number or truth value}}
 
-The state travels whitened by the Cholesky factors that both ends compute from the basis: its entries are
-bounded by one, so float32 costs less than a millionth of σf. (alpha and C are sums of huge, cancelling numbers; they
-would not survive it.) The basis travels exactly, because the factors depend on it far more sharply than the
-map does.
+Lossless, D = m × the kernel's states, typed arrays (RFC 8746, float64, little-endian), triangles row by row:
 
-What travels is the nowcast: of a group whose state has a rate of change only the field itself. The model that
-is read predicts the same now, but, `advanced`, it knows no rates.
+     "factors": [lower triangle of L_g (m, m) for each group],
+     "mean": μ (D), "covariance": lower triangle of S (D, D)
+
+In so many bits: n = m × groups; what travels is the nowcast, of a group whose state has a rate of change only the
+field itself. Both ends compute the factors from the basis, and the state is whitened by those: see `quantised`.
+
+     "thinned": whether it is the marginal at inducing points: `components` all in one group then, see `inducing`
+     "mean": [step, width, bytes], μ (n) in steps, so many bits each,
+     "root": [lengths, bits], R (n(n + 1)/2) in steps of 2^(1 − its bits): see `packing`,
+     "error": [of the mean, of the standard deviation], shares of σf: see `StatedError`
 """
 
-import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
 
 import cbor2
 import numpy as np
@@ -32,73 +35,126 @@ import zstandard
 from scipy.linalg import solve_triangular
 
 from autonomy import plain_cbor
+from autonomy.learning.agreement import StatedError, difference
 from autonomy.learning.basis import prior_factors
 from autonomy.learning.field_model import FieldModel, field_coordinates
-from autonomy.learning.kernel import Component, Kernel
+from autonomy.learning.inducing import standing, thinned
+from autonomy.learning.invariants import broken
+from autonomy.learning.kernel import Kernel
 from autonomy.learning.numbers import FloatArray
-from autonomy.learning.spatial import SPATIAL
-from autonomy.learning.temporal import TEMPORAL, Static, TemporalKernel
-from autonomy.learning.transform import TRANSFORMS, Transform
+from autonomy.learning.packing import PackingError, pack, pack_fixed, unpack, unpack_fixed, width_of
+from autonomy.learning.quantised import Bits, Quantised, quantised, root_step
+from autonomy.learning.snapshot_parts import (
+    Document,
+    SnapshotError,
+    array,
+    basis_from,
+    basis_parts,
+    bounded,
+    component_map,
+    from_triangle,
+    kernel_from,
+    list_of,
+    number,
+    transform_from,
+    transform_map,
+    triangle,
+    typed,
+)
+
+__all__ = [
+    "MAXIMUM_BYTES",
+    "MAXIMUM_STATES",
+    "PRECISIONS",
+    "Precision",
+    "Snapshot",
+    "SnapshotError",
+    "StatedError",
+    "decode",
+    "encode",
+    "read",
+]
+
+Precision = Literal["lossless", "16 bit", "12 bit", "8 bit"]
+PRECISIONS: tuple[Precision, ...] = get_args(Precision)
 
 SCHEMA = "halocline/field-model"
-VERSION = 2
-# A thousand coordinates take 2 MB; anything beyond this is not a model.
+VERSION = 3
+# The largest lossless model takes 12 MB; anything beyond this is not a model.
 MAXIMUM_BYTES = 16 * 1024 * 1024
-MAXIMUM_STATES = 2000
+MAXIMUM_STATES = 1200
 _MAXIMUM_ITEMS = 10_000
 _MAXIMUM_DEPTH = 8
-_MAXIMUM_COMPONENTS = 8
-_MAXIMUM_DIMENSIONS = 8
-# How far eigenvalues of I − S may leave [0, 1]: rounding takes a hundredth of it.
-_SLACK = 1e-3
-# Beyond these nothing is measured, and squares begin to overflow: metres, and whatever the variable is measured in.
-_PLACES_M = 1e9
-_SCALES_M = (1e-3, 1e12)
-_VALUES = 1e30
-
-_FLOAT32_LE, _FLOAT64_LE = 85, 86
-_DTYPES: dict[int, np.dtype[Any]] = {_FLOAT32_LE: np.dtype("<f4"), _FLOAT64_LE: np.dtype("<f8")}
+_BITS = {"16 bit": Bits(20, 14), "12 bit": Bits(16, 10), "8 bit": Bits(12, 7)}
+# How far L Lᵀ may be from what it factors, in jitters and in σ²: beyond, variances could become negative.
+_FACTOR_SLACK = (0.5, 1e-12)
 
 Scalar = str | int | float | bool
 
 
-class SnapshotError(ValueError):
-    """The bytes are not a snapshot, or a damaged one; the message says what is wrong, and where."""
-
-
 @dataclass(frozen=True)
 class Snapshot:
-    """A model and what its sender noted beside it."""
+    """A model and what its sender says of it.
+
+    Attributes:
+        model: the posterior.
+        metadata: what its sender noted beside it.
+        precision: of the numbers.
+        stated_error: how far the model is from the one on board.
+        kernel: what is believed on board, which parts of the field move and how; the model's own stands still if
+            it is one at inducing points.
+    """
 
     model: FieldModel
     metadata: Mapping[str, Scalar]
+    precision: Precision
+    stated_error: StatedError
+    kernel: Kernel
 
 
-def encode(model: FieldModel, metadata: Mapping[str, Scalar] | None = None) -> bytes:
-    """The nowcast as bytes, about 20 kB for a hundred basis vectors and one group; `metadata` goes with it.
+def encode(
+    model: FieldModel,
+    metadata: Mapping[str, Scalar] | None = None,
+    precision: Precision = "lossless",
+    inducing: int | None = None,
+) -> bytes:
+    """The belief as bytes, with `metadata` beside it.
 
-    ValueError for metadata of other types, and for a model too large to be read.
+    Args:
+        model: what is believed.
+        metadata: text, numbers and truth values by name.
+        precision: "lossless" is all of `model`, to the last bit: 80 kB for 100 basis vectors. In so many bits
+            it is the nowcast: some 5, 4 or 2 kB.
+        inducing: the most places that the nowcast may be sent at; a model of more, or of several groups, goes as the
+            marginal at so many. None: all of the basis, group by group. Not with "lossless".
+
+    Raises:
+        ValueError: metadata of other types, an unknown precision, or a model too large to be read.
     """
     notes = dict(metadata or {})
     for name, value in notes.items():
         if not isinstance(name, str) or not isinstance(value, str | int | float | bool):
             raise ValueError(f"metadata[{name!r}] must be text, a number or a truth value, not {value!r}")
-    size = len(model) * model.kernel.states
+    if precision not in PRECISIONS:
+        raise ValueError(f"precision must be one of {', '.join(PRECISIONS)}, not {precision!r}")
+    if precision == "lossless" and inducing is not None:
+        raise ValueError("a model at inducing points is not lossless: choose another precision")
+    small = model if inducing is None else thinned(model, inducing)
+    size = len(small) * small.kernel.states
     if size > MAXIMUM_STATES:
         raise ValueError(f"a snapshot holds at most {MAXIMUM_STATES} coordinates of the state, not {size}")
-    mean, gain = _whitened(model)
     document = {
         "schema": SCHEMA,
         "version": VERSION,
-        "components": [_component_map(component) for component in model.kernel.components],
+        "precision": precision,
+        "components": [component_map(component) for component in model.kernel.components],
         "noise_variance": model.kernel.noise_variance,
         "prior_mean": model.prior_mean,
         "jitter": model.jitter,
-        "transform": {"name": model.transform.name, **asdict(model.transform)},
-        "basis": _typed(model.basis.ravel(), _FLOAT64_LE),
-        "mean": _typed(mean, _FLOAT32_LE),
-        "gain": _typed(gain[np.tril_indices(len(mean))], _FLOAT32_LE),
+        "transform": transform_map(model.transform),
+        "basis": basis_parts(small.basis),
         "metadata": notes,
+        **(_lossless(model) if precision == "lossless" else _coarse(model, small, _BITS[precision])),
     }
     return zstandard.ZstdCompressor(level=3, write_checksum=True).compress(cbor2.dumps(document))
 
@@ -109,8 +165,11 @@ def decode(data: bytes) -> FieldModel:
 
 
 def read(data: bytes) -> Snapshot:
-    """The model in `data` and the metadata sent with it. Raises SnapshotError for anything else."""
-    document = _unpack(data)
+    """The model in `data` and what was sent with it. Raises SnapshotError for anything else.
+
+    The model is a posterior whatever the bytes: the eigenvalues of its covariance are between 0 and the prior's.
+    """
+    document = _unpacked(data)
     schema, version = document.get("schema"), document.get("version")
     if schema != SCHEMA:
         raise SnapshotError(f"schema: {schema!r:.60} is not {SCHEMA!r}")
@@ -119,39 +178,70 @@ def read(data: bytes) -> Snapshot:
             f"version: {version!r:.60} is not {VERSION}, which this program reads: "
             "the programs that write and read must be of the same version; update the older"
         )
-    return Snapshot(_model(document), _metadata(document.get("metadata")))
+    precision = document.get("precision")
+    if precision not in PRECISIONS:
+        raise SnapshotError(f"precision: {precision!r:.60} is none of {', '.join(PRECISIONS)}")
+    kernel = kernel_from(document)
+    return Snapshot(
+        _model(document, kernel, precision),
+        _metadata(document.get("metadata")),
+        precision,
+        StatedError() if precision == "lossless" else _stated(document),
+        kernel,
+    )
 
 
-def _whitened(model: FieldModel) -> tuple[FloatArray, FloatArray]:
-    """μ and I − S of the field, with respect to the factors that the other end will compute from the basis."""
-    m, field = len(model), field_coordinates(model.kernel, len(model))
-    mean = model.whitened_mean[field]
-    gain = np.eye(len(field)) - model.whitened_covariance[np.ix_(field, field)]
-    if m:
-        for g, fresh in enumerate(prior_factors(model.basis, model.kernel, model.jitter)):
-            block = slice(g * m, (g + 1) * m)
-            change = solve_triangular(fresh, model.factors[g], lower=True)
-            mean[block] = change @ mean[block]
-            gain[block] = change @ gain[block]
-            gain[:, block] = gain[:, block] @ change.T
-    return mean, gain
-
-
-def _component_map(component: Component) -> dict[str, Any]:
+def _lossless(model: FieldModel) -> Document:
     return {
-        "variance": component.variance,
-        "space": component.space.name,
-        "lengthscales_m": list(component.space.lengthscales_m),
-        "time": component.time.name,
-        "timescale_s": component.time.timescale_s,
+        "factors": [triangle(factor) for factor in model.factors],
+        "mean": typed(model.whitened_mean),
+        "covariance": triangle(model.whitened_covariance),
     }
 
 
-def _typed(values: FloatArray, tag: int) -> cbor2.CBORTag:
-    return cbor2.CBORTag(tag, values.astype(_DTYPES[tag]).tobytes())
+def _coarse(model: FieldModel, small: FieldModel, bits: Bits) -> Document:
+    """The nowcast of `small`, which stands for `model`."""
+    factors = prior_factors(small.basis, small.kernel, small.jitter)
+    state = quantised(*_whitened(small, factors), bits)
+    error = difference(model, _nowcast(small, factors, *state.state()))
+    width = width_of(state.mean)
+    return {
+        "thinned": small is not model,
+        "mean": [state.mean_step, width, pack_fixed(state.mean, width)],
+        "root": list(pack(state.root)),
+        "error": [error.mean, error.sd],
+    }
 
 
-def _unpack(data: bytes) -> dict[str, Any]:
+def _whitened(model: FieldModel, factors: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:
+    """μ and S of the field, with respect to the `factors` that the other end will compute from the basis."""
+    m, field = len(model), field_coordinates(model.kernel, len(model))
+    mean = model.whitened_mean[field]
+    covariance = model.whitened_covariance[np.ix_(field, field)]
+    if m:
+        for g, fresh in enumerate(factors):
+            block = slice(g * m, (g + 1) * m)
+            change = solve_triangular(fresh, model.factors[g], lower=True)
+            mean[block] = change @ mean[block]
+            covariance[block] = change @ covariance[block]
+            covariance[:, block] = covariance[:, block] @ change.T
+    return mean, covariance
+
+
+def _nowcast(
+    like: FieldModel, factors: tuple[FloatArray, ...], mean: FloatArray, covariance: FloatArray
+) -> FieldModel:
+    """The model with μ (n,) and S (n, n) of the field, the rates of change as the prior has them."""
+    field, size = field_coordinates(like.kernel, len(like.basis)), len(like.basis) * like.kernel.states
+    whole_mean, whole = np.zeros(size), np.eye(size)
+    whole_mean[field] = mean
+    whole[np.ix_(field, field)] = covariance
+    return FieldModel(
+        like.kernel, like.prior_mean, like.jitter, like.basis, factors, whole_mean, whole, like.transform
+    )
+
+
+def _unpacked(data: bytes) -> Document:
     if len(data) > MAXIMUM_BYTES:
         raise SnapshotError(f"compressed frame: {len(data)} bytes exceed the limit of {MAXIMUM_BYTES}")
     try:
@@ -175,143 +265,91 @@ def _unpack(data: bytes) -> dict[str, Any]:
     return document
 
 
-def _model(document: dict[str, Any]) -> FieldModel:
-    kernel, transform = _kernel(document), _transform(document.get("transform"))
-    jitter, prior_mean = _number(document, "jitter"), _number(document, "prior_mean")
+def _model(document: Document, believed: Kernel, precision: Precision) -> FieldModel:
+    kernel = believed if precision == "lossless" or not _flag(document, "thinned") else standing(believed)
+    transform, jitter = transform_from(document.get("transform")), number(document, "jitter")
     if not 0 < jitter <= 1e-2:
         raise SnapshotError(f"jitter: {jitter!r} is not in (0, 0.01]")
-    if not abs(prior_mean) <= _VALUES:
-        raise SnapshotError(f"prior_mean: {prior_mean!r} is not within ±{_VALUES:g}")
-    coordinates = _array(document, "basis", _FLOAT64_LE)
-    m, rest = divmod(len(coordinates), kernel.dimensions)
-    if rest or m * kernel.states > MAXIMUM_STATES:
-        raise SnapshotError(
-            f"basis: {len(coordinates)} numbers are not places of {kernel.dimensions} axes "
-            f"within the limit of {MAXIMUM_STATES // kernel.states} places"
-        )
-    if m and np.abs(coordinates).max() > _PLACES_M:
-        raise SnapshotError(f"basis: it reaches farther than {_PLACES_M:g} m")
-    basis = coordinates.reshape(m, kernel.dimensions)
-    mean, covariance = _state(document, kernel, m)
+    prior = FieldModel.prior(kernel, bounded(document, "prior_mean"), jitter)
+    basis = basis_from(document, kernel.dimensions, MAXIMUM_STATES // kernel.states)
     try:
         factors = prior_factors(basis, kernel, jitter)
     except np.linalg.LinAlgError as error:
         raise SnapshotError(f"basis: its covariance is singular ({error})") from error
-    return FieldModel(kernel, prior_mean, jitter, basis, factors, mean, covariance, transform)
+    blank = FieldModel(
+        kernel, prior.prior_mean, jitter, basis, factors, *_prior_state(len(basis) * kernel.states), transform
+    )
+    if precision == "lossless":
+        return _lossless_model(document, blank)
+    state = _quantised(document, len(basis) * len(kernel.groups), _BITS[precision])
+    return _nowcast(blank, factors, *state.state())
 
 
-def _state(document: dict[str, Any], kernel: Kernel, m: int) -> tuple[FloatArray, FloatArray]:
-    """μ (D,) and S (D, D), the rates of change as the prior has them."""
-    field = field_coordinates(kernel, m)
-    n, size = len(field), m * kernel.states
-    mean, covariance = np.zeros(size), np.eye(size)
-    mean[field] = _array(document, "mean", _FLOAT32_LE, n)
-    gain = np.zeros((n, n))
-    gain[np.tril_indices(n)] = _array(document, "gain", _FLOAT32_LE, n * (n + 1) // 2)
-    gain += np.tril(gain, -1).T
+def _prior_state(size: int) -> tuple[FloatArray, FloatArray]:
+    return np.zeros(size), np.eye(size)
+
+
+def _lossless_model(document: Document, blank: FieldModel) -> FieldModel:
+    """`blank` with what has been learnt. Raises SnapshotError if that is no posterior."""
+    size, m = len(blank.whitened_mean), len(blank)
+    mean = array(document.get("mean"), "mean", size)
+    covariance = from_triangle(document.get("covariance"), "covariance", size)
+    covariance += np.tril(covariance, -1).T
+    fault = broken(np.asfortranarray(np.vstack([covariance, mean])))
+    if fault is not None:
+        raise SnapshotError(f"covariance: {fault}")
+    given = document.get("factors")
+    if not isinstance(given, list) or len(given) != len(blank.factors):
+        raise SnapshotError(f"factors: a list of {len(blank.factors)} was expected")
+    factors = []
+    for g, (value, fresh, group) in enumerate(zip(given, blank.factors, blank.kernel.groups, strict=True)):
+        factor = np.asfortranarray(from_triangle(value, f"factors[{g}]", m))
+        apart = np.linalg.norm(factor @ factor.T - fresh @ fresh.T)
+        if not apart <= max(_FACTOR_SLACK[0] * blank.jitter, _FACTOR_SLACK[1]) * group.variance:
+            raise SnapshotError(f"factors[{g}]: it does not factor the covariance of the basis")
+        factors.append(factor)
+    return FieldModel(
+        blank.kernel,
+        blank.prior_mean,
+        blank.jitter,
+        blank.basis,
+        tuple(factors),
+        mean,
+        covariance,
+        blank.transform,
+    )
+
+
+def _quantised(document: Document, n: int, bits: Bits) -> Quantised:
+    mean_step, width, mean = list_of(document, "mean", (float, int, bytes))
+    lengths, root = list_of(document, "root", (bytes, bytes))
+    if not 0.0 < mean_step <= 1e9:
+        raise SnapshotError(f"mean: {mean_step!r} is no step")
     try:
-        for positive in (gain, np.eye(n) - gain):
-            np.linalg.cholesky(positive + _SLACK * np.eye(n))
-    except np.linalg.LinAlgError as error:
-        raise SnapshotError("gain: it leaves the range that a covariance allows") from error
-    covariance[np.ix_(field, field)] -= gain
-    return mean, covariance
-
-
-def _kernel(document: dict[str, Any]) -> Kernel:
-    items = document.get("components")
-    if not isinstance(items, list) or not 1 <= len(items) <= _MAXIMUM_COMPONENTS:
-        raise SnapshotError(f"components: a list of 1 to {_MAXIMUM_COMPONENTS} maps was expected")
-    components = []
-    for i, item in enumerate(items):
-        try:
-            components.append(_component(item))
-        except (ValueError, OverflowError) as error:
-            raise SnapshotError(f"components[{i}]: {error}") from error
-    noise = _bounded(document, "noise_variance")
+        steps = unpack_fixed(mean, width, n)
+    except PackingError as error:
+        raise SnapshotError(f"mean: {error}") from None
     try:
-        return Kernel(tuple(components), noise)
-    except ValueError as error:
-        raise SnapshotError(f"kernel: {error}") from error
+        return Quantised(steps, mean_step, unpack(lengths, root, n * (n + 1) // 2), root_step(bits))
+    except PackingError as error:
+        raise SnapshotError(f"root: {error}") from None
 
 
-def _component(item: object) -> Component:
-    if not isinstance(item, dict):
-        raise SnapshotError(f"a map was expected, not {item!r:.60}")
-    scales = item.get("lengthscales_m")
-    if not isinstance(scales, list) or not 1 <= len(scales) <= _MAXIMUM_DIMENSIONS:
-        raise SnapshotError(f"lengthscales_m: a list of 1 to {_MAXIMUM_DIMENSIONS} numbers was expected")
-    for value in scales:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise SnapshotError(f"lengthscales_m: {value!r:.60} is not a number")
-        if not _SCALES_M[0] <= value <= _SCALES_M[1]:
-            raise SnapshotError(
-                f"lengthscales_m: {value!r:.60} is not from {_SCALES_M[0]:g} to {_SCALES_M[1]:g} m"
-            )
-    space = SPATIAL[_name(item, "space", SPATIAL)](tuple(scales))
-    return Component(_bounded(item, "variance"), space, _time(item))
+def _stated(document: Document) -> StatedError:
+    mean, sd = list_of(document, "error", (float, float))
+    if not (0.0 <= mean <= 1e9 and 0.0 <= sd <= 1e9):
+        raise SnapshotError(f"error: {mean!r} and {sd!r} are no shares of the field's deviation")
+    return StatedError(mean, sd)
 
 
-def _time(item: dict[str, Any]) -> TemporalKernel:
-    kind, timescale_s = TEMPORAL[_name(item, "time", TEMPORAL)], _number(item, "timescale_s")
-    if not issubclass(kind, Static):
-        return kind(timescale_s)
-    if timescale_s != math.inf:
-        raise SnapshotError(f"timescale_s: {timescale_s!r}, but what is static has an infinite one")
-    return Static()
-
-
-def _transform(item: object) -> Transform:
-    if not isinstance(item, dict):
-        raise SnapshotError(f"transform: a map was expected, not {item!r:.60}")
-    try:
-        kind = TRANSFORMS[_name(item, "name", TRANSFORMS)]
-        return kind(**{field.name: _number(item, field.name) for field in fields(kind)})
-    except ValueError as error:
-        raise SnapshotError(f"transform: {error}") from error
-
-
-def _name(item: dict[str, Any], key: str, known: Mapping[str, object]) -> str:
-    value = item.get(key)
-    if not isinstance(value, str) or value not in known:
-        raise SnapshotError(f"{key}: {value!r:.60} is none of {', '.join(known)}")
+def _flag(document: Document, name: str) -> bool:
+    value = document.get(name)
+    if not isinstance(value, bool):
+        raise SnapshotError(f"{name}: a truth value was expected, not {value!r:.60}")
     return value
 
 
-def _number(document: dict[str, Any], name: str) -> float:
-    value = document.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise SnapshotError(f"{name}: a number was expected, not {value!r:.60}")
-    try:
-        return float(value)
-    except OverflowError as error:
-        raise SnapshotError(f"{name}: {error}") from error
-
-
-def _bounded(document: dict[str, Any], name: str) -> float:
-    """A variance; whether it is positive is for the kernel to say."""
-    value = _number(document, name)
-    if not abs(value) <= _VALUES:
-        raise SnapshotError(f"{name}: {value!r} is more than {_VALUES:g}")
-    return value
-
-
-def _array(document: dict[str, Any], name: str, tag: int, length: int | None = None) -> FloatArray:
-    value = document.get(name)
-    if not isinstance(value, cbor2.CBORTag) or value.tag != tag or not isinstance(value.value, bytes):
-        raise SnapshotError(f"{name}: a typed array (tag {tag}) was expected")
-    dtype = _DTYPES[tag]
-    count, rest = divmod(len(value.value), dtype.itemsize)
-    if rest or (length is not None and count != length):
-        wanted = "whole numbers" if length is None else f"{length} numbers"
-        raise SnapshotError(f"{name}: {len(value.value)} bytes are not {wanted} of {dtype.itemsize} bytes")
-    array = np.frombuffer(value.value, dtype=dtype)
-    if not np.isfinite(array).all():
-        raise SnapshotError(f"{name}[{int(np.argmin(np.isfinite(array)))}]: not finite")
-    return array.astype(np.float64)
-
-
-def _metadata(value: object) -> Mapping[str, Scalar]:
+def _metadata(value: Any) -> Mapping[str, Scalar]:
     if not isinstance(value, dict):
         raise SnapshotError("metadata: a map was expected")
     for name, entry in value.items():
