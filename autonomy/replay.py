@@ -7,7 +7,7 @@ and compared.
 import math
 import pickle
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -104,6 +104,7 @@ def replay(
     tolerance: float = 0.0,
     *,
     recompute: bool = False,
+    heard: Callable[[float, Sequence[Effect]], None] | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Outcome:
     """Replay a run, and before it the runs that it went on from.
@@ -114,6 +115,7 @@ def replay(
         until_s: stop at this protocol time, seconds from that run's start.
         tolerance: by how much an effect's numbers may differ, relatively: 0 on the computer that recorded them.
         recompute: whether to run the jobs again too.
+        heard: is told what the core asks for at each event, and when that was by the wall clock on board.
         clock: seconds, for `took_s`.
 
     Raises:
@@ -125,10 +127,13 @@ def replay(
     header = run_header(folder, run)
     chain, left_out = _chain(folder, run, header)
     configuration, survey = read_configuration(header), read_survey_area(header)
-    repeat = _Replay(Core(configuration, survey), survey, tolerance, left_out, recompute=recompute)
+    repeat = _Replay(
+        Core(configuration, survey), survey, tolerance, left_out, recompute=recompute, heard=heard
+    )
     for number, last in chain:
         end = float(header["now"]) + until_s if number == run else math.inf
-        repeat.take(_sound(folder, number, last), end)
+        began = header if number == run else run_header(folder, number)
+        repeat.take(_sound(folder, number, last), end, _utc_offset_s(began))
     repeat.outcome.took_s = clock() - begun
     return repeat.outcome
 
@@ -149,6 +154,14 @@ def run_header(folder: Path, run: int) -> dict[str, Any]:
         except JournalError:
             continue
     return read_header(files[-1].path)
+
+
+def _utc_offset_s(header: dict[str, Any]) -> float:
+    """The wall clock on board minus protocol time when a run began. JournalError if its header does not say."""
+    match header.get("utc_s"), header.get("now"):
+        case (float() as utc_s, float() as now):
+            return utc_s - now
+    raise JournalError("its header does not say when it began")
 
 
 def read_configuration(header: dict[str, Any]) -> Configuration:
@@ -242,19 +255,23 @@ class _Replay:
         left_out: frozenset[Position],
         *,
         recompute: bool,
+        heard: Callable[[float, Sequence[Effect]], None] | None,
     ) -> None:
         self.outcome = Outcome(core)
         self._left_out = left_out
         self._survey = survey
         self._tolerance = tolerance
         self._recompute = recompute
+        self._heard = heard
+        self._utc_offset_s = 0.0
         self._computed: dict[int, tuple[str, Any]] = {}
         self._effects: list[Effect] = []
         self._position = Position(0, 0)
         self._start = self._now = 0.0
 
-    def take(self, parts: Iterator[Entry | Trouble], end: float) -> None:
-        """Replay one run's records until protocol time `end`."""
+    def take(self, parts: Iterator[Entry | Trouble], end: float, utc_offset_s: float) -> None:
+        """Replay one run's records until protocol time `end`; the offset makes it the wall clock on board."""
+        self._utc_offset_s = utc_offset_s
         self._effects, first, told = [], True, True
         for part in parts:
             if isinstance(part, Trouble):
@@ -296,6 +313,8 @@ class _Replay:
             where = f"record {self._position.sequence} of run {self._position.run}"
             what = f"{type(error).__name__}: {error}"
             raise CoreRaisedError(f"{where} makes the core raise {what}") from error
+        if self._heard is not None:
+            self._heard(record.now + self._utc_offset_s, self._effects)
         if self._recompute:
             for effect in self._effects:
                 if isinstance(effect, StartJob):

@@ -21,7 +21,7 @@ def plan_geojson(plan: Plan, frame: LocalFrame, properties: Mapping[str, Any]) -
     section 3.1.9 asks. Numbers that are not finite become null.
     """
     points_m = np.vstack([plan.start_m, plan.route_m])
-    positions = [_position(lat, lon) for lat, lon in frame.to_geodetic(points_m).tolist()]
+    positions = [position(lat, lon) for lat, lon in frame.to_geodetic(points_m).tolist()]
     legs = np.diff(points_m, axis=0)
     along_km = np.cumsum(np.hypot(legs[:, 0], legs[:, 1])) / 1e3
     route = {
@@ -42,16 +42,17 @@ def plan_geojson(plan: Plan, frame: LocalFrame, properties: Mapping[str, Any]) -
     }
     rows = [int(row) for row in np.flatnonzero(np.asarray(plan.is_spot, dtype=bool))]
     spots = [
-        _feature(
+        feature(
             {"type": "Point", "coordinates": positions[row + 1]},
             {"kind": "spot", "number": number, "along_km": round(float(along_km[row]), 3)},
         )
         for number, row in enumerate(rows, start=1)
     ]
-    return {"type": "FeatureCollection", "features": [_feature(_line(positions), route), *spots]}
+    return {"type": "FeatureCollection", "features": [feature(line(positions), route), *spots]}
 
 
-def _feature(geometry: dict[str, Any], properties: Mapping[str, Any]) -> dict[str, Any]:
+def feature(geometry: dict[str, Any], properties: Mapping[str, Any]) -> dict[str, Any]:
+    """A Feature; numbers that are not finite become null."""
     return {
         "type": "Feature",
         "geometry": geometry,
@@ -66,13 +67,14 @@ def _known(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _position(lat_deg: float, lon_deg: float) -> list[float]:
+def position(lat_deg: float, lon_deg: float) -> list[float]:
+    """Longitude, from -180 to 180 degrees, and latitude."""
     lon_deg = (lon_deg + 180.0) % 360.0 - 180.0
     return [round(lon_deg, _DIGITS), round(lat_deg, _DIGITS)]
 
 
-def _line(positions: list[list[float]]) -> dict[str, Any]:
-    """A LineString; a MultiLineString if it crosses the antimeridian."""
+def line(positions: list[list[float]]) -> dict[str, Any]:
+    """A LineString through positions; a MultiLineString if it crosses the antimeridian, cut there."""
     parts = [[positions[0]]]
     for before, after in pairwise(positions):
         if abs(after[0] - before[0]) > 180.0:

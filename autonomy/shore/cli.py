@@ -2,9 +2,9 @@
 
 import argparse
 
-from autonomy.shore import serve_cli, watch_cli
+from autonomy.shore import record_cli, serve_cli, watch_cli
 
-_VERBS = {"watch": watch_cli, "serve": serve_cli}
+_VERBS = {"watch": watch_cli, "serve": serve_cli, "record": record_cli}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,0 +1,340 @@
+"""All that is exported of one vehicle, in order and without doubles, in a database on the disk that lives as long.
+
+Memory stays bounded however long the survey was: what is read comes row by row.
+"""
+
+import json
+import sqlite3
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from autonomy import wire
+from autonomy.effects import Topic
+from autonomy.export.clock import Clock
+from autonomy.export.values import (
+    DatedLine,
+    DatedModel,
+    DatedPlan,
+    ExportError,
+    Readings,
+    State,
+    Subject,
+    Window,
+    iso_utc,
+)
+from autonomy.geometry import LocalFrame
+from autonomy.quality import Check
+from autonomy.wire import HealthNotice, LogNotice, ModelSnapshot, ObservationNotice, PlanNotice, SurveyNotice
+
+_ROWS = 4096
+"""Readings handled at once."""
+
+_TABLES = """
+PRAGMA journal_mode = OFF;
+PRAGMA synchronous = OFF;
+CREATE TABLE models (id INTEGER PRIMARY KEY, run INTEGER, model_time REAL, utc REAL, subject TEXT, components INTEGER,
+    payload BLOB);
+CREATE TABLE plans (id INTEGER PRIMARY KEY, run INTEGER, model_time REAL, received REAL, payload BLOB UNIQUE);
+CREATE TABLE states (id INTEGER PRIMARY KEY, run INTEGER, model_time REAL, lat REAL, lon REAL, heading REAL, speed REAL,
+    samples INTEGER, basis_size INTEGER, rho REAL, state TEXT, reason TEXT);
+CREATE TABLE lines (run INTEGER, number INTEGER, model_time REAL, received REAL, utc REAL, level TEXT, text TEXT,
+    PRIMARY KEY (run, number)) WITHOUT ROWID;
+CREATE TABLE readings (run INTEGER, number INTEGER, model_time REAL, lat REAL, lon REAL, value REAL, flag INTEGER,
+    checks BLOB, PRIMARY KEY (run, number)) WITHOUT ROWID;
+"""
+
+
+class Archive:
+    """One vehicle's survey. Fill it with `take_…`, then `finish`, then read.
+
+    Args:
+        path: of the database, which must not exist.
+        vehicle: its name.
+        every_s: shortest model time between two models that are kept; the newest of each run is kept too.
+        regret: is told, for a person, what can't be used and why.
+
+    Attributes:
+        survey: where the survey is, and its land; None where nobody said so.
+    """
+
+    def __init__(self, path: Path, vehicle: str, every_s: float, regret: Callable[[str], None]) -> None:
+        self.vehicle = vehicle
+        self.survey: SurveyNotice | None = None
+        self._every_s = every_s
+        self._regret = regret
+        self._clock = Clock()
+        self._window = Window()
+        self._database = sqlite3.connect(path, isolation_level=None)
+        self._database.executescript(_TABLES)
+        self._database.execute("BEGIN")
+        self._runs: dict[int, int] = {}
+        self._announced: dict[int, int] = {}
+        self._run = 1
+        self._model_time_s: float | None = None
+        self._kept: tuple[int, float] | None = None
+        self._newest: tuple[int, float, float | None, bytes | ModelSnapshot] | None = None
+
+    def close(self) -> None:
+        """Let go of the database."""
+        self._database.close()
+
+    def begin_run(self, run: int) -> None:
+        """What comes from now on is of this run of the vehicle's software, whatever number it has there."""
+        self._run = self._index(run)
+
+    def take_model(
+        self, received_utc_s: float, model_time_s: float, utc_s: float | None, model: bytes | ModelSnapshot
+    ) -> None:
+        """A model, decoded or as it came; most are not kept."""
+        self._moment(model_time_s, received_utc_s)
+        if utc_s is not None:
+            self._clock.tell(self._run, model_time_s, utc_s)
+        if self._newest is not None and self._newest[0] != self._run:
+            self._keep(*self._newest)
+        passed_s = model_time_s - self._kept[1] if self._kept and self._kept[0] == self._run else -1.0
+        candidate = (self._run, model_time_s, utc_s, model)
+        if 0.0 <= passed_s < self._every_s:
+            self._newest = candidate if passed_s > 0.0 else self._newest
+        else:
+            self._keep(*candidate)
+
+    def take_plan(self, received_utc_s: float, plan: PlanNotice) -> None:
+        """A plan; doubles are left out."""
+        row = (self._run, self._model_time_s, received_utc_s, wire.encode(plan))
+        self._insert("plans (run, model_time, received, payload)", row)
+
+    def take_state(self, received_utc_s: float, health: HealthNotice) -> None:
+        """A report of health."""
+        if health.model_time_s is None:
+            return
+        self._moment(health.model_time_s, received_utc_s)
+        place = (health.lat_deg, health.lon_deg, health.heading_deg, health.groundspeed_mps)
+        figures = (health.samples, health.basis_size, health.rho)
+        words = (health.state, health.reason)
+        columns = "run, model_time, lat, lon, heading, speed, samples, basis_size, rho, state, reason"
+        self._insert(f"states ({columns})", (self._run, health.model_time_s, *place, *figures, *words))
+
+    def take_readings(self, run: int, first: int, readings: Sequence[ObservationNotice]) -> None:
+        """Readings of a run, numbered from `first` on; those that are there already are left out."""
+        index = self._index(run)
+        rows = (
+            (
+                index,
+                first + i,
+                one.model_time_s,
+                one.lat_deg,
+                one.lon_deg,
+                one.value,
+                one.flag,
+                bytes(one.checks),
+            )
+            for i, one in enumerate(readings)
+        )
+        self._database.executemany(f"INSERT OR IGNORE INTO readings VALUES ({_marks(8)})", rows)
+        self.announce(run, first + len(readings))
+
+    def take_lines(self, received_utc_s: float, run: int, first: int, lines: Sequence[LogNotice]) -> None:
+        """Lines of the log of a run, numbered from `first` on; those that are there already are left out."""
+        index = self._index(run)
+        rows = (
+            (index, first + i, self._model_time_s, received_utc_s, one.utc_s, one.level, one.text)
+            for i, one in enumerate(lines)
+        )
+        self._database.executemany(f"INSERT OR IGNORE INTO lines VALUES ({_marks(7)})", rows)
+
+    def announce(self, run: int, end: int) -> None:
+        """The vehicle says that it has told so many readings in a run."""
+        index = self._index(run)
+        self._announced[index] = max(end, self._announced.get(index, 0))
+
+    def finish(self, window: Window, *, date_by_arrival: bool) -> None:
+        """All is taken: what lies in `window` can be read.
+
+        Args:
+            window: what is to be read.
+            date_by_arrival: whether runs in which the vehicle never knew UTC are dated by the clock of whoever
+                received what it told.
+
+        Raises:
+            ExportError: nothing dates what there is.
+        """
+        if self._newest is not None:
+            self._keep(*self._newest)
+        self._window = window
+        self._clock.by_arrival = date_by_arrival
+        tables = ("models", "states", "readings")
+        runs = self._select(" UNION ".join(f"SELECT run FROM {table}" for table in tables))
+        undated = [run for (run,) in runs if not self._clock.knows(run)]
+        if undated and not date_by_arrival:
+            raise ExportError(
+                f"{self.vehicle} did not know UTC in {len(undated)} of its runs, so nothing says when that was; "
+                "--date-by-arrival dates them by the clock of whoever received what it told"
+            )
+        for number, run, at in self._select(
+            "SELECT id, run, model_time FROM models WHERE utc IS NULL"
+        ).fetchall():
+            utc_s = float(self._clock.utc(run, at))
+            self._database.execute("UPDATE models SET utc = ? WHERE id = ?", (utc_s, number))
+        for table in ("plans", "lines"):
+            # What was heard before the vehicle said any time is dated by the first that it said.
+            first = f"SELECT model_time FROM states WHERE states.run = {table}.run ORDER BY id LIMIT 1"
+            self._database.execute(f"UPDATE {table} SET model_time = ({first}) WHERE model_time IS NULL")
+        for run, end in self._announced.items():
+            (count,) = self._select("SELECT COUNT(*) FROM readings WHERE run = ?", run).fetchone()
+            if count < end:
+                self._regret(f"{end - count} of {end} observations of a run of {self.vehicle} are missing")
+
+    # Reading -------------------------------------------------------------------------------------------------
+
+    @property
+    def dated_by_arrival(self) -> bool:
+        """Whether it was let be dated by arrivals, and something had to."""
+        return self._clock.by_arrival and self._clock.guesses
+
+    def subject(self) -> Subject:
+        """What was surveyed. Raises ExportError if there is no model, or if models differ in it."""
+        sql = f"SELECT subject, MIN(utc) FROM models WHERE {_WITHIN} GROUP BY subject ORDER BY MIN(utc)"
+        found = self._select(sql, *self._ends).fetchall()
+        if not found:
+            raise ExportError(self._nothing)
+        if len(found) > 1:
+            others = ", ".join(iso_utc(utc_s) for _, utc_s in found[1:])
+            raise ExportError(
+                f"{self.vehicle} surveyed another area or variable from {others} on; "
+                "export one at a time, with --from and --until"
+            )
+        variable, units, lat_deg, lon_deg, *bounds_m = json.loads(found[0][0])
+        x_min, y_min, x_max, y_max = bounds_m
+        return Subject(variable, units, LocalFrame(lat_deg, lon_deg), (x_min, y_min, x_max, y_max))
+
+    def model_count(self) -> tuple[int, int]:
+        """How many models there are at most, and the most components that one has."""
+        sql = f"SELECT COUNT(*), COALESCE(MAX(components), 0) FROM models WHERE {_WITHIN}"
+        count, components = self._select(sql, *self._ends).fetchone()
+        return count, components
+
+    def models(self) -> Iterator[DatedModel]:
+        """The models that were kept, each later than the one before."""
+        reached = -np.inf
+        for utc_s, payload in self._select(
+            f"SELECT utc, payload FROM models WHERE {_WITHIN} ORDER BY utc, id", *self._ends
+        ):
+            if utc_s > reached:
+                reached = utc_s
+                yield _dated(utc_s, payload)
+
+    def newest(self) -> DatedModel:
+        """The last model. Raises ExportError if there is none."""
+        found = self._select(
+            f"SELECT utc, payload FROM models WHERE {_WITHIN} ORDER BY utc DESC, id LIMIT 1", *self._ends
+        )
+        for utc_s, payload in found:
+            return _dated(utc_s, payload)
+        raise ExportError(self._nothing)
+
+    def plans(self) -> Iterator[DatedPlan]:
+        """The plans in the order in which they were heard."""
+        for run, at, received, payload in self._select(
+            "SELECT run, model_time, received, payload FROM plans ORDER BY id"
+        ):
+            utc_s = self._utc(run, at, received)
+            if self._holds(utc_s):
+                plan = wire.decode(Topic.PLAN, payload)
+                assert isinstance(plan, PlanNotice)
+                yield DatedPlan(utc_s, plan)
+
+    def lines(self) -> Iterator[DatedLine]:
+        """The lines of the log, in order."""
+        for run, at, received, utc, level, text in self._select(
+            "SELECT run, model_time, received, utc, level, text FROM lines ORDER BY run, number"
+        ):
+            utc_s = self._utc(run, at, received) if utc is None else utc
+            if self._holds(utc_s):
+                yield DatedLine(utc_s, LogNotice(level, text, utc))
+
+    def states(self) -> Iterator[State]:
+        """Where the vehicle was, and what it did, in order."""
+        columns = "lat, lon, heading, speed, samples, basis_size, rho, state, reason"
+        for run, at, *rest in self._select(f"SELECT run, model_time, {columns} FROM states ORDER BY id"):
+            utc_s = float(self._clock.utc(run, at))
+            if self._holds(utc_s):
+                yield State(utc_s, *rest)
+
+    def readings(self) -> Iterator[Readings]:
+        """The readings in order, some thousands at a time."""
+        found = self._select("SELECT * FROM readings ORDER BY run, number")
+        while rows := found.fetchmany(_ROWS):
+            part = self._columns(rows).within(self._window)
+            if len(part):
+                yield part
+
+    def _columns(self, rows: list[tuple[Any, ...]]) -> Readings:
+        run, _, *columns = zip(*rows, strict=True)
+        # NaN goes into the database as NULL, and comes out as None.
+        at, lat, lon, value = (np.array(column, dtype=float) for column in columns[:4])
+        runs = np.array(run)
+        utc = np.empty(len(at))
+        for each in np.unique(runs):
+            utc[runs == each] = self._clock.utc(int(each), at[runs == each])
+        checks = np.frombuffer(b"".join(columns[5]), dtype=np.int8).reshape(-1, len(Check))
+        return Readings(utc, at, lat, lon, value, np.array(columns[4], dtype=np.int8), checks)
+
+    def _utc(self, run: int, model_time_s: float | None, received_utc_s: float) -> float:
+        """When something was that says no time itself: as late as what came before it, if anything did."""
+        return received_utc_s if model_time_s is None else float(self._clock.utc(run, model_time_s))
+
+    def _holds(self, utc_s: float) -> bool:
+        return self._window.start_s <= utc_s <= self._window.end_s
+
+    @property
+    def _nothing(self) -> str:
+        return f"there is no model of {self.vehicle} in what is to be exported"
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        return self._window.start_s, self._window.end_s
+
+    def _index(self, run: int) -> int:
+        """Our number of a run: from 1 on, as they were heard of. What came before any belongs to the first."""
+        return self._runs.setdefault(run, len(self._runs) + 1)
+
+    def _moment(self, model_time_s: float, received_utc_s: float) -> None:
+        self._model_time_s = model_time_s
+        self._clock.arrived(self._run, model_time_s, received_utc_s)
+
+    def _keep(self, run: int, model_time_s: float, utc_s: float | None, model: bytes | ModelSnapshot) -> None:
+        self._kept, self._newest = (run, model_time_s), None
+        try:
+            snapshot = wire.decode(Topic.MODEL, model) if isinstance(model, bytes) else model
+        except wire.WireError as error:
+            self._regret(f"a model of {self.vehicle} can't be read, left out: {error}")
+            return
+        assert isinstance(snapshot, ModelSnapshot)
+        origin = (snapshot.origin_lat_deg, snapshot.origin_lon_deg)
+        subject = json.dumps([snapshot.variable, snapshot.units, *origin, *snapshot.bounds_m])
+        components = len(snapshot.model.kernel.components)
+        payload = model if isinstance(model, bytes) else wire.encode(model)
+        columns = "run, model_time, utc, subject, components, payload"
+        self._insert(f"models ({columns})", (run, model_time_s, utc_s, subject, components, payload))
+
+    def _insert(self, into: str, row: tuple[Any, ...]) -> None:
+        self._database.execute(f"INSERT OR IGNORE INTO {into} VALUES ({_marks(len(row))})", row)
+
+    def _select(self, sql: str, *parameters: Any) -> sqlite3.Cursor:
+        return self._database.execute(sql, parameters)
+
+
+_WITHIN = "utc BETWEEN ? AND ?"
+
+
+def _dated(utc_s: float, payload: bytes) -> DatedModel:
+    snapshot = wire.decode(Topic.MODEL, payload)
+    assert isinstance(snapshot, ModelSnapshot)
+    return DatedModel(utc_s, snapshot)
+
+
+def _marks(count: int) -> str:
+    return ", ".join("?" * count)

@@ -1,0 +1,95 @@
+"""What both NetCDF files have in common; the library netCDF4 writes them (extra `shore`)."""
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+
+from autonomy.export.attributes import Value
+
+COMPRESSION: dict[str, Any] = {"compression": "zlib", "complevel": 4, "shuffle": True}
+EPOCH = "seconds since 1970-01-01T00:00:00Z"
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+@contextmanager
+def creating(path: Path) -> Iterator[netCDF4.Dataset]:
+    """A new NetCDF-4 file, closed at the end."""
+    with netCDF4.Dataset(path, "w", format="NETCDF4") as dataset:
+        yield dataset
+
+
+def name_of(variable: str) -> str:
+    """A variable's name in a file: what the vehicle calls it, with the letters that every program takes."""
+    name = re.sub(r"\W+", "_", variable, flags=re.ASCII).strip("_")
+    return name if name[:1].isalpha() else f"v_{name}"
+
+
+def measured(variable: str, units: str, suffix: str = "") -> dict[str, Value]:
+    """Attributes of what was measured: standard name, if it can be one, long name and units."""
+    words = variable.replace("_", " ") + (f" {suffix}" if suffix else "")
+    described: dict[str, Value] = {"long_name": words, "units": units}
+    if _NAME.fullmatch(variable):
+        described["standard_name"] = f"{variable} {suffix}" if suffix else variable
+    return described
+
+
+def add(
+    dataset: netCDF4.Dataset | netCDF4.Group,
+    name: str,
+    kind: str,
+    dimensions: tuple[str, ...],
+    attributes: Mapping[str, Any],
+    **options: Any,
+) -> "netCDF4.Variable[Any]":
+    """A new variable with attributes; those of more than one value are compressed."""
+    if dimensions:
+        options = {**COMPRESSION, **options}
+    variable = dataset.createVariable(name, kind, dimensions, **options)
+    variable.setncatts(attributes)
+    return variable
+
+
+def add_grid_mapping(dataset: netCDF4.Dataset) -> str:
+    """The variable that says what latitude and longitude are of; its name."""
+    add(
+        dataset,
+        "crs",
+        "i4",
+        (),
+        {
+            "grid_mapping_name": "latitude_longitude",
+            "long_name": "WGS 84",
+            "semi_major_axis": 6378137.0,
+            "inverse_flattening": 298.257223563,
+            "longitude_of_prime_meridian": 0.0,
+            "epsg_code": "EPSG:4326",
+        },
+    )
+    return "crs"
+
+
+def add_depth(dataset: netCDF4.Dataset, depth_m: float | None) -> str:
+    """The scalar coordinate that says how deep the probe is, if that was said; its name, empty if there is none."""
+    if depth_m is None:
+        return ""
+    attributes = {
+        "standard_name": "depth",
+        "long_name": "depth of the probe",
+        "units": "m",
+        "positive": "down",
+        "axis": "Z",
+    }
+    add(dataset, "depth", "f8", (), attributes)[...] = depth_m
+    return "depth"
+
+
+TIME = {"standard_name": "time", "long_name": "time", "units": EPOCH, "calendar": "standard", "axis": "T"}
+LATITUDE = {"standard_name": "latitude", "long_name": "latitude", "units": "degrees_north", "axis": "Y"}
+LONGITUDE = {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east", "axis": "X"}
+FILL = float(netCDF4.default_fillvals["f4"])
+FILL_DOUBLE = float(netCDF4.default_fillvals["f8"])
