@@ -10,6 +10,9 @@ _VERBS = {
     "survey": Verb("autonomy.commands.survey_import", "make the survey's file of what was drawn elsewhere"),
     "init": Verb("autonomy.commands.init", "write a first configuration, from five answers"),
     "check-config": Verb("autonomy.commands.check_config", "check configuration files"),
+    "preflight": Verb(
+        "autonomy.commands.preflight", "look whether everything is there, before the boat leaves"
+    ),
     "show-config": Verb(
         "autonomy.commands.show_config", "show the configuration and where each value comes from"
     ),
