@@ -340,7 +340,7 @@ class Helm:
         self._pace.follow(time_s, state.groundspeed_mps)
         distance_m = float(np.hypot(*(active.plan.route_m[0] - self.position_m)))
         reached = self.dispatch.reached == 1 or distance_m <= max(NEAR_M, 2.0 * active.items[0].param2)
-        if self._closing.follow(time_s, distance_m, reached=reached):
+        if self._closing.follow(time_s, distance_m, reached=reached, elsewhere=k > 0):
             self._doubt(active.plan.route_m[0])
         elif not self._closing.open:
             self._doubts = 0

@@ -106,14 +106,18 @@ class ClosingWatch:
         """There is nothing to confirm."""
         self._mission = self._began = None
 
-    def follow(self, time_s: float, distance_m: float, *, reached: bool) -> bool:
-        """So far from the first waypoint; returns whether that is in doubt, once. `reached`: it is behind the boat."""
+    def follow(self, time_s: float, distance_m: float, *, reached: bool, elsewhere: bool = False) -> bool:
+        """So far from the first waypoint; returns whether the boat does not make for it, once.
+
+        `reached`: it is behind the boat. `elsewhere`: the autopilot names another one, and comes nearer by chance.
+        """
         if self._mission is None:
             return False
         if self._began is None:
             self._began = (time_s, distance_m)
         began_s, began_m = self._began
-        if reached or began_m - distance_m >= min(_CLOSER_M, 0.5 * began_m):
+        nearer = began_m - distance_m >= min(_CLOSER_M, 0.5 * began_m)
+        if reached or (nearer and not elsewhere):
             self.rest()
             return False
         if time_s - began_s <= CLOSING_S:

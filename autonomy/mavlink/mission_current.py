@@ -31,8 +31,11 @@ class MakeCurrent:
 
         state       accepted    unsupported   refused   later, failed   MISSION_CURRENT active   complete    timer
         COMMANDED   CONFIRMING  SETTING       FAILED    COMMANDED       -                        -           command again
-        CONFIRMING  -           -             -         -               DONE                     COMMANDED   ask for MISSION_CURRENT
+        CONFIRMING  -           -             -         -               DONE                     [a]         ask for MISSION_CURRENT
         SETTING     -           -             -         -               DONE                     -           set again
+
+    [a] COMMANDED, at once if a restart was not asked for yet; else when the timer comes: an autopilot that stays
+        complete whatever it accepts would be commanded, and answer, as fast as the link is.
 
     Before the command is accepted MISSION_CURRENT still tells about the old mission. Twelve seconds without
     success: FAILED. An autopilot that doesn't tell its mission state (0) counts as active.
@@ -108,6 +111,9 @@ class MakeCurrent:
         self._last_heard = f"MISSION_CURRENT {message.seq}, state {message.mission_state}"
         if message.mission_state == mavlink.MISSION_STATE_COMPLETE:
             if self.state is MakingCurrent.SETTING:
+                return []
+            if self._restart:
+                self.state = MakingCurrent.COMMANDED
                 return []
             self._restart = True
             return self._command(now)

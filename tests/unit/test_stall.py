@@ -112,6 +112,19 @@ class TestClosingWatch:
         assert not watch.follow(6.0, distance_m - min(10.0, 0.5 * distance_m), reached=False)
         assert not watch.open
 
+    def test_a_boat_that_comes_nearer_on_its_way_elsewhere_is_doubted(self):
+        watch = ClosingWatch()
+        watch.begin("m")
+        told = [watch.follow(float(t), 500.0 - 8.0 * t, reached=False, elsewhere=True) for t in range(30)]
+        assert [t for t, doubted in enumerate(told) if doubted] == [int(CLOSING_S) + 1]
+
+    def test_what_the_autopilot_said_of_the_mission_before_is_forgiven(self):
+        watch = ClosingWatch()
+        watch.begin("m")
+        assert not any(
+            watch.follow(float(t), 500.0 - 8.0 * t, reached=False, elsewhere=t < 3) for t in range(30)
+        )
+
     def test_a_waypoint_behind_the_boat_needs_no_closing(self):
         watch = ClosingWatch()
         watch.begin("m")

@@ -386,6 +386,24 @@ class TestTransfer:
         late.handle(0.7, current(1))
         assert late.outcome == Verified(ITEMS)
 
+    def test_a_mission_that_stays_complete_is_restarted_at_our_pace_not_at_the_links(self) -> None:
+        """Such an autopilot accepts the command, answers at once that the mission is complete, and would for ever."""
+        transfer = transfer_to_reading(make_current=True)
+        now, commands, sent = 0.3, 0, serve(transfer, 0.3, stored(ITEMS))
+        while transfer.outcome is None and commands < 100:
+            if any(message.get_type() == "COMMAND_LONG" and message.command == 224 for message in sent):
+                commands += 1
+                transfer.handle(now, command_ack(0))
+                sent = transfer.handle(now, current(2, state=5))
+                continue
+            deadline = transfer.next_deadline()
+            assert deadline is not None
+            now, sent = deadline, transfer.on_deadline(deadline)
+        assert commands < 12
+        assert isinstance(transfer.outcome, Failed)
+        assert transfer.outcome.on_board is not None
+        assert now < 15.0
+
     def test_an_autopilot_without_the_command_gets_the_old_message(self) -> None:
         transfer = transfer_to_reading(make_current=True)
         serve(transfer, 0.3, stored(ITEMS))
