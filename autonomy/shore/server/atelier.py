@@ -23,7 +23,7 @@ class Atelier:
         maximum_bytes: of what is kept.
     """
 
-    def __init__(self, maximum_bytes: int = 64 * 2**20) -> None:
+    def __init__(self, maximum_bytes: int = 48 * 2**20) -> None:
         self._pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="map")
         self._maximum_bytes = maximum_bytes
         self._kept: OrderedDict[Hashable, tuple[Any, int]] = OrderedDict()

@@ -21,7 +21,7 @@ from autonomy.wire import (
     SurveyNotice,
 )
 
-_HISTORY_BYTES = 192 * 2**20
+_HISTORY_BYTES = 128 * 2**20
 _LARGEST_HISTORY_BYTES = 64 * 2**20
 _MAXIMUM_VEHICLES = 256
 
