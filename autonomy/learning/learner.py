@@ -12,10 +12,11 @@ from autonomy.learning.calibration import Calibration
 from autonomy.learning.capacity import MOST, Budget, replacement_us
 from autonomy.learning.caution import at_birth
 from autonomy.learning.field_model import FieldModel
-from autonomy.learning.history import History
+from autonomy.learning.history import History, HistoryCells
 from autonomy.learning.kernel import Hyperparameters, Kernel
 from autonomy.learning.lookahead import DISTANCES_PER_SPAN, Lookahead
 from autonomy.learning.numbers import FloatArray, positive_variance
+from autonomy.learning.positions import grid_step_m, snapped
 from autonomy.learning.rebuild import Build, Reestimate, ReestimateRequest
 from autonomy.learning.roughness import Roughness
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
@@ -38,9 +39,10 @@ class Learner:
     them all. With 0 it is born at once with prior mean 0, and `hyperparameters` are required. `capacity`
     None: chosen for `area_m2` of water (None: all of the span's square) within `budget`, anew with every
     re-estimate. `novelty`, `jitter`: see `SparseOnlineGP`. Readings pass through `transform`; history and
-    model are in its latent units. `calibration` holds what was predicted of each reading against it, `ahead`
-    what was predicted of some from afar; both since the kernel last changed. `roughness` holds how the field
-    varies along the track; `budget_m` is how far the vessel will sail in all, if that is known.
+    model are in its latent units. Places are snapped to a grid (`grid_step_m`), those of a rebuilt basis too, so
+    that basis vectors travel exactly in few bytes. `calibration` holds what was predicted of each reading
+    against it, `ahead` what was predicted of some from afar; both since the kernel last changed. `roughness` holds
+    how the field varies along the track; `budget_m` is how far the vessel will sail in all, if that is known.
 
     No call learns for long: birth and `adopt` leave what would take too long waiting, `behind` tells how
     much that is, and `catch_up` learns it slice by slice, in the order it came. Meanwhile everything may be
@@ -159,7 +161,7 @@ class Learner:
         change, for anything not finite and for values that `transform` does not take. A reading from before
         the last one counts as simultaneous.
         """
-        x = np.array(point, dtype=np.float64)
+        x = self._snapped(point)
         latent = float(self.transform.forward(value))
         self.history.add(x, latent, time_s)
         self.roughness.add(x, latent, time_s)
@@ -199,7 +201,7 @@ class Learner:
         self._since_request = []
         self._requested_at = self.samples
         return ReestimateRequest(
-            cells=self.history.cells(),
+            cells=self._cells(),
             basis=gp.basis,
             basis_readings=gp.basis_readings,
             basis_counts=gp.basis_counts,
@@ -255,6 +257,14 @@ class Learner:
         """Model time of the newest reading, learnt or waiting."""
         return max([self._time_s, *(time_s for *_, time_s in self._waiting)])
 
+    def _cells(self) -> HistoryCells:
+        """The history, the mean places of its cells on the grid again: some of them become the basis."""
+        cells = self.history.cells()
+        return replace(cells, points=self._snapped(cells.points))
+
+    def _snapped(self, points: ArrayLike) -> FloatArray:
+        return snapped(points, grid_step_m(self._span_m))
+
     def _median_kernel(self, variance: float) -> Kernel:
         return STRUCTURES[_FIRST_STRUCTURE].median(Scales(self._span_m, variance))
 
@@ -303,7 +313,7 @@ class Learner:
         """Make the model anew from the history, under its present kernel: its state is worth nothing any more."""
         gp, now_s = self.gp, self._newest_s
         self._waiting.clear()
-        self._gp = self._build.rebuilt(self.history.cells(), gp.kernel, gp.prior_mean, now_s)
+        self._gp = self._build.rebuilt(self._cells(), gp.kernel, gp.prior_mean, now_s)
         self._time_s = now_s
         self.repairs += 1
         self.mark()

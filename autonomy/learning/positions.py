@@ -27,8 +27,12 @@ def grid_step_m(span_m: float) -> float:
 
 
 def snapped(points: ArrayLike, step_m: float) -> FloatArray:
-    """`points` (…, d) in metres, each at the nearest point of the grid. Exact: the step is a power of two."""
-    result: FloatArray = np.rint(np.asarray(points, dtype=np.float64) / step_m) * step_m
+    """`points` (…, d) in metres, each at the nearest point of the grid. Exact: the step is a power of two.
+
+    What is not finite stays so, for others to refuse.
+    """
+    with np.errstate(over="ignore"):
+        result: FloatArray = np.rint(np.asarray(points, dtype=np.float64) / step_m) * step_m
     return result
 
 

@@ -8,6 +8,7 @@ import pytest
 from autonomy.config import EstimationSection
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
+from autonomy.learning.positions import coarsest_step_m, grid_step_m, snapped
 from autonomy.learning.rebuild import reestimate
 from autonomy.learning.sparse_gp import SparseOnlineGP, Update
 
@@ -37,7 +38,7 @@ def legs(rng, n, step=10.0):
 
 def survey(seed, n, noise=0.1):
     rng = np.random.default_rng(seed)
-    truth, x = field(rng), legs(rng, n)
+    truth, x = field(rng), snapped(legs(rng, n), grid_step_m(SPAN))
     return truth, x, truth(x) + noise * rng.normal(size=n)
 
 
@@ -454,3 +455,19 @@ def test_it_travels_by_pickle():
 def test_impossible_settings_are_refused_at_once(keywords, complaint):
     with pytest.raises(ValueError, match=complaint):
         Learner(SPAN, **keywords)
+
+
+def test_places_teach_from_a_grid_and_the_basis_stays_on_it_when_it_is_rebuilt():
+    learner = Learner(1000.0, capacity=30, centring_samples=5)
+    rng = np.random.default_rng(0)
+    for number, point in enumerate(rng.uniform(0, 1000, (80, 2))):
+        learner.add(point, float(np.sin(point[0] / 150) + 0.01 * rng.normal()), 10.0 * number)
+    step = grid_step_m(1000.0)
+    assert step == 2.0**-6
+    assert len(learner.basis) > 10
+    assert coarsest_step_m(learner.basis) >= step
+    learner.adopt(reestimate(learner.reestimate_request(0, EstimationSection())))
+    while learner.catch_up():
+        pass
+    assert len(learner.basis) > 10
+    assert coarsest_step_m(learner.basis) >= step
