@@ -1,12 +1,9 @@
 """`autonomy survey import`: plans, KML and GeoJSON as people draw them, and the fence of a vehicle."""
 
-import asyncio
 import io
 import json
-import threading
+import sys
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +23,10 @@ from autonomy.planning.polygon_files import read_polygons
 from autonomy.planning.survey import SurveyError, read_survey
 from sim.autopilot import Autopilot, Options
 from sim.autopilot.missions import MissionItem
-from sim.endpoints import Endpoint
-from sim.server import VesselServer
 from sim.vessel import Position, Vessel
+
+sys.path.insert(0, str(Path(__file__).parent / "preflight"))
+from quay import served
 
 AREA = box(-118.98, 33.02, -118.92, 33.08)
 WEST, SOUTH, EAST, NORTH = AREA.bounds
@@ -342,29 +340,3 @@ class TestFence:
 def fence_vertex(lat, lon, command):
     place = MissionItem.at(Position(lat, lon))
     return MissionItem(place.frame, command, (4.0, 0.0, 0.0, 0.0), place.x, place.y, 0.0)
-
-
-@contextmanager
-def served(autopilot: Autopilot) -> Iterator[int]:
-    """The autopilot on a free UDP port of the loopback interface."""
-    ready, ports = threading.Event(), []
-
-    async def serve() -> None:
-        server = VesselServer(autopilot, [Endpoint("udpin", "127.0.0.1", 0)], speedup=1.0)
-        await server.start()
-        ports.append((server.endpoints[0].port, server, asyncio.get_running_loop()))
-        ready.set()
-        try:
-            await server.run()
-        finally:
-            server.close()
-
-    thread = threading.Thread(target=lambda: asyncio.run(serve()))
-    thread.start()
-    assert ready.wait(30.0)
-    number, server, loop = ports[0]
-    try:
-        yield number
-    finally:
-        loop.call_soon_threadsafe(server.stop)
-        thread.join()
