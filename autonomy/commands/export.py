@@ -188,10 +188,7 @@ def _filled(
         start_s = -math.inf if arguments.start is None else arguments.start
         end_s = math.inf if arguments.until is None else arguments.until
         archive.finish(Window(start_s, end_s), date_by_arrival=arguments.date_by_arrival)
-        water = None if area is None else area.water
-        if area is None and archive.survey is not None:
-            water = grid.water_of_notice(archive.survey, archive.subject().frame)
-        yield archive, water
+        yield archive, grid.told_water(archive.surveys, archive.subject()) if area is None else area.water
 
 
 def _write(

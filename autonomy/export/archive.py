@@ -32,6 +32,9 @@ from autonomy.wire import HealthNotice, LogNotice, ModelSnapshot, ObservationNot
 _ROWS = 4096
 """Readings handled at once."""
 
+_SURVEYS = 100
+"""Different notices of the survey that are remembered; there is a new one when the fence changes."""
+
 _TABLES = """
 PRAGMA journal_mode = OFF;
 PRAGMA synchronous = OFF;
@@ -57,12 +60,12 @@ class Archive:
         regret: is told, for a person, what can't be used and why.
 
     Attributes:
-        survey: where the survey is, and its land; None where nobody said so.
+        surveys: different notices of where the survey is and its land, oldest first.
     """
 
     def __init__(self, path: Path, vehicle: str, every_s: float, regret: Callable[[str], None]) -> None:
         self.vehicle = vehicle
-        self.survey: SurveyNotice | None = None
+        self.surveys: list[SurveyNotice] = []
         self._every_s = every_s
         self._regret = regret
         self._clock = Clock()
@@ -105,6 +108,13 @@ class Archive:
         """A plan; doubles are left out."""
         row = (self._run, self._model_time_s, received_utc_s, wire.encode(plan))
         self._insert("plans (run, model_time, received, payload)", row)
+
+    def take_survey(self, survey: SurveyNotice) -> None:
+        """Where the survey is."""
+        if survey in self.surveys:
+            self.surveys.remove(survey)
+        self.surveys.append(survey)
+        del self.surveys[:-_SURVEYS]
 
     def take_state(self, received_utc_s: float, health: HealthNotice) -> None:
         """A report of health."""

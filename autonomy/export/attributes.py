@@ -85,6 +85,8 @@ def global_attributes(
         "history": f"{created} {about.command} (halocline {__version__}, from {about.source})",
         "date_created": created,
         "date_modified": created,
+        "date_issued": created,
+        "date_metadata_modified": created,
         "product_version": __version__,
         "vehicle_software_version": about.software_version,
         "configuration_hash": about.configuration_hash,

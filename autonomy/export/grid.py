@@ -1,7 +1,9 @@
 """The regular grid of latitudes and longitudes that maps are exported on, and which of its cells are water."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 import shapely
@@ -17,6 +19,8 @@ USUAL_CELLS = 200
 
 MOST_CELLS = 4_000_000
 _EDGE_POINTS = 50
+_SAME_SHARE = 0.02
+"""Of its longer side: by how much the bounds of one survey differ at most, in degrees here and in metres there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +80,20 @@ def map_grid(subject: Subject, water: BaseGeometry | None, resolution_m: float |
     return MapGrid(lat, lon, inside, places[inside], resolution_m, water is not None)
 
 
-def water_of_notice(notice: SurveyNotice, frame: LocalFrame) -> BaseGeometry | None:
-    """The water of a survey as it was told ashore, in local metres of a frame; None if no area was told."""
-    if not notice.area:
-        return None
-    area, land, keep_out = (_shape(rings, frame) for rings in (notice.area, notice.land, notice.keep_out))
-    return shapely.difference(area, shapely.union(land, keep_out))
+def told_water(notices: Sequence[SurveyNotice], subject: Subject) -> BaseGeometry | None:
+    """A survey's water as it was told ashore, in local metres of its frame; None if that was not told.
+
+    Of several notices the last counts that is of this survey: of its variable, and with its bounds.
+    """
+    south, north, west, east = _outline(subject)
+    slack = _SAME_SHARE * max(north - south, east - west)
+    for notice in reversed(notices):
+        near = np.abs(np.subtract(notice.bounds_deg, (south, west, north, east))) <= slack
+        if notice.variable == subject.variable and notice.area and near.all():
+            shapes = (_shape(rings, subject.frame) for rings in (notice.area, notice.land, notice.keep_out))
+            area, land, keep_out = shapes
+            return shapely.difference(area, shapely.union(land, keep_out))
+    return None
 
 
 def local_water(water: BaseGeometry | None, x_axis: FloatArray, y_axis: FloatArray) -> NDArray[np.bool_]:
@@ -99,7 +111,7 @@ def _shape(rings: tuple[tuple[tuple[float, float], ...], ...], frame: LocalFrame
         for ring in rings
         if len(ring) >= 3
     ]
-    return shapely.symmetric_difference_all(shapes) if shapes else shapely.Polygon()
+    return reduce(shapely.symmetric_difference, shapes, shapely.Polygon())
 
 
 def _outline(subject: Subject) -> tuple[float, float, float, float]:

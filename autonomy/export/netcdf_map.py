@@ -158,12 +158,13 @@ class _Writer:
         assert self._last is not None
         about = self._about
         snapshot, grid = self._last.snapshot, self._grid
-        half_lat, half_lon = (abs(axis[1] - axis[0]) / 2.0 for axis in (grid.lat_deg, grid.lon_deg))
+        step_lat, step_lon = (axis[1] - axis[0] for axis in (grid.lat_deg, grid.lon_deg))
+        # Of the cells' middles: what checkers hold against the coordinates.
         extent = Extent(
-            grid.lat_deg[0] - half_lat,
-            grid.lat_deg[-1] + half_lat,
-            grid.lon_deg[0] - half_lon,
-            grid.lon_deg[-1] + half_lon,
+            grid.lat_deg[0],
+            grid.lat_deg[-1],
+            grid.lon_deg[0],
+            grid.lon_deg[-1],
             self.times_s[0],
             self.times_s[-1],
         )
@@ -182,8 +183,8 @@ class _Writer:
             "cdm_data_type": "Grid",
             "processing_level": "Nowcast gridded from in-situ observations (level 4)",
             "time_coverage_resolution": resolution(self.times_s),
-            "geospatial_lat_resolution": f"{2.0 * half_lat:.7f} degree",
-            "geospatial_lon_resolution": f"{2.0 * half_lon:.7f} degree",
+            "geospatial_lat_resolution": f"{step_lat:.7f} degree",
+            "geospatial_lon_resolution": f"{step_lon:.7f} degree",
             "grid_resolution_m": grid.resolution_m,
             "land": outside,
             "latent_transform": snapshot.model.transform.name,

@@ -141,7 +141,7 @@ class _Writer:
         """Longitudes without a jump where the track crosses the antimeridian."""
         if self._east_of is None:
             self._east_of = float(lon_deg[0]) - 180.0
-        return (lon_deg - self._east_of) % 360.0 + self._east_of
+        return lon_deg - 360.0 * np.floor((lon_deg - self._east_of) / 360.0)
 
     def _widen(self, part: Readings, lon_deg: Any) -> None:
         old = self._extent

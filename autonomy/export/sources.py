@@ -116,7 +116,7 @@ def _take(archive: Archive, one: Recorded) -> int:
         case PlanNotice() as plan:
             archive.take_plan(one.received_utc_s, plan)
         case SurveyNotice() as survey:
-            archive.survey = survey
+            archive.take_survey(survey)
     return 1
 
 
