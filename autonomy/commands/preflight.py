@@ -63,19 +63,14 @@ async def _gather(
     configuration: Configuration, survey: SurveyArea, doubts: tuple[str, ...], seconds: float
 ) -> "Facts":
     """Everything that the checks want to know."""
-    from autonomy.mavlink.companion import wanted_streams
     from autonomy.preflight.conversation import Conversation
     from autonomy.preflight.facts import Facts, Link, probe_of, vehicle_of
     from autonomy.preflight.listening import listen
     from autonomy.preflight.surroundings import folders, routers
 
-    section = configuration.mavlink
-    streams = wanted_streams(section.position_rate_hz, battery=True)
-    conversation = Conversation(
-        section, configuration.sensor.message_name, configuration.sampling.pairing_gap_s, streams
-    )
+    conversation = Conversation.of(configuration)
     heard, dialled = await asyncio.gather(
-        listen(section, conversation, seconds), asyncio.to_thread(routers, configuration.shore)
+        listen(configuration.mavlink, conversation, seconds), asyncio.to_thread(routers, configuration.shore)
     )
     passed_s = heard.ended_s - heard.began_s
     counters = heard.counters

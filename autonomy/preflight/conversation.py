@@ -8,8 +8,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.config import MavlinkSection
-from autonomy.mavlink.companion import Stream, StreamRequests, heartbeat
+from autonomy.config import Configuration, MavlinkSection
+from autonomy.mavlink.companion import Stream, StreamRequests, heartbeat, wanted_streams
 from autonomy.mavlink.mission_items import Route
 from autonomy.mavlink.safeguards import SafeguardsReading
 from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
@@ -66,6 +66,15 @@ class Conversation:
         """Heartbeats of autopilots, by system."""
         self.observations: deque[Observation] = deque(maxlen=_KEPT_OBSERVATIONS)
         self.texts: deque[str] = deque(maxlen=_KEPT_TEXTS)
+
+    @classmethod
+    def of(cls, configuration: Configuration) -> "Conversation":
+        """With the vehicle and the instrument of a configuration, asking for what the service would."""
+        section, sensor = configuration.mavlink, configuration.sensor
+        # Asked for here they would be there now, and missing when the service, which only looks on, runs alone.
+        looks_on = configuration.authority.mode == "observe"
+        streams = () if looks_on else wanted_streams(section.position_rate_hz, battery=True)
+        return cls(section, sensor.message_name, configuration.sampling.pairing_gap_s, streams)
 
     @property
     def state(self) -> VehicleState | None:

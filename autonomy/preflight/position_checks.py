@@ -64,15 +64,18 @@ def _hdop(hdop: float) -> Finding:
 
 def _rate(facts: Facts, vehicle: Vehicle) -> Finding:
     check, wanted = "position.rate", facts.configuration.mavlink.position_rate_hz
-    said = f"{vehicle.position_rate_hz:.1f} positions a second, {wanted:g} are asked for"
+    remedy = (
+        "let GLOBAL_POSITION_INT through to this link; raise its baud rate, or lower mavlink.position_rate_hz"
+    )
+    if facts.configuration.authority.mode == "observe":
+        remedy = (
+            "set SRn_POSITION of this port on the autopilot: with authority.mode observe nothing is asked for"
+        )
     if vehicle.position_rate_hz == 0.0 or vehicle.state.lat_deg is None:
-        return failed(
-            check, "no position comes in", "let GLOBAL_POSITION_INT through to this link; wait for a fix"
-        )
+        return failed(check, "no position comes in", remedy)
+    said = f"{vehicle.position_rate_hz:.1f} positions a second, {wanted:g} are wanted"
     if vehicle.position_rate_hz < _SLOW_SHARE * wanted:
-        return warned(
-            check, said, "raise the baud rate, or lower mavlink.position_rate_hz; let SRn_ parameters be"
-        )
+        return warned(check, said, remedy)
     return passed(check, said)
 
 

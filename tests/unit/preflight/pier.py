@@ -10,7 +10,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.config import Configuration
 from autonomy.mavlink.codec import Codec
-from autonomy.mavlink.companion import wanted_streams
 from autonomy.mavlink.signing import Signing, told
 from autonomy.planning.survey import SurveyArea, read_survey
 from autonomy.preflight.checks import checks
@@ -115,14 +114,8 @@ class Pier:
     def facts(self) -> Facts:
         configuration = self.configuration
         survey = survey_of(configuration)
-        section, sensor = configuration.mavlink, configuration.sensor
-        self.talk = talk = Conversation(
-            section,
-            sensor.message_name,
-            configuration.sampling.pairing_gap_s,
-            wanted_streams(section.position_rate_hz, battery=True),
-        )
-        codec = Codec(1, section.component_id, self.our_key)
+        self.talk = talk = Conversation.of(configuration)
+        codec = Codec(1, configuration.mavlink.component_id, self.our_key)
         self.said: list[Any] = []
         bytes_in = sum(self._converse(talk, codec))
         refused = "" if self.our_key is None else told(self.our_key.refused)

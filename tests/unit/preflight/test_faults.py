@@ -183,6 +183,8 @@ FAULTS = [
           pier={"spoil": saying("GPS_RAW_INT", eph=310)}),
     Fault("positions don't come", "position.rate", FAIL, "no position comes in", "GLOBAL_POSITION_INT",
           pier={"spoil": losing("GLOBAL_POSITION_INT")}),
+    Fault("positions rare, and nothing is asked for", "position.rate", WARN, "2.1 positions a second", "SRn_POSITION",
+          config={"authority__mode": "observe", "mavlink__position_rate_hz": 10.0}),
     Fault("vehicle without a date", "clock.utc", WARN, "has no date", "GPS fix", boat={"start_utc_s": 0.0}),
     Fault("computer a day behind", "clock.utc", FAIL, "24 hours behind", "timesyncd",
           boat={"start_utc_s": UTC_S + 86_400.0}),
