@@ -149,6 +149,8 @@ class _Source:
 
 
 def _source(path: Path) -> _Source:
+    if not path.exists():
+        raise _FailedError(f"{path}: No such file or directory", EXIT_NO_INPUT)
     try:
         if path.is_dir() and is_recording(path):
             return _Source(path, None)

@@ -1,0 +1,307 @@
+"""What can't be exported is refused with a reason and an exit code, and leaves no file behind."""
+
+import random
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cbor2
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from told import LATE_S, RUN, UTC_S, Told, health, record
+
+from autonomy import cli
+from autonomy.shore.recording import Recorder
+from autonomy.wire import HealthNotice, LogBatch, ModelSnapshot, ObservationBatch, encode
+
+Export = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def export(capsys: pytest.CaptureFixture[str]) -> Export:
+    """Exit code and standard error of `autonomy export`."""
+
+    def run(*words: str | Path) -> tuple[int, str]:
+        code = cli.main(["export", *map(str, words)])
+        return code, capsys.readouterr().err
+
+    return run
+
+
+def left(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_nothing_asked_for_is_a_mistake(recording: Path, export: Export) -> None:
+    code, said = export(recording)
+    assert code == 2
+    assert "give some of --netcdf, --trajectory" in said
+
+
+def test_a_source_that_is_none_is_told(tmp_path: Path, export: Export) -> None:
+    for source, why in (
+        (tmp_path / "nowhere", "No such file"),
+        (tmp_path, "neither a shore recording nor a journal"),
+    ):
+        code, said = export(source, "--csv", tmp_path / "a.csv")
+        assert code == 66
+        assert why in said
+    assert left(tmp_path) == []
+
+
+def test_files_are_only_overwritten_when_told_to(recording: Path, tmp_path: Path, export: Export) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("precious")
+    code, said = export(recording, "--csv", path)
+    assert code == 73
+    assert "--force" in said
+    assert path.read_text() == "precious"
+    assert export(recording, "--csv", path, "--force")[0] == 0
+    assert path.read_text().startswith("time_utc")
+    assert left(tmp_path) == ["a.csv"]
+
+
+def test_a_folder_that_is_not_there_is_told_before_anything_is_read(
+    recording: Path, tmp_path: Path, export: Export
+) -> None:
+    code, said = export(recording, "--csv", tmp_path / "no" / "a.csv")
+    assert code == 73
+    assert "there is no folder" in said
+
+
+def test_one_file_for_two_formats_is_a_mistake(recording: Path, tmp_path: Path, export: Export) -> None:
+    code, said = export(recording, "--csv", tmp_path / "a", "--geojson", tmp_path / "a")
+    assert (code, "name the same file" in said) == (2, True)
+
+
+def test_an_export_that_fails_leaves_no_file_of_any_format(
+    recording: Path, tmp_path: Path, export: Export
+) -> None:
+    old = tmp_path / "a.csv"
+    old.write_text("old")
+    words = ("--csv", old, "--netcdf", tmp_path / "a.nc", "--force", "--resolution", "0.5")
+    code, said = export(recording, *words)
+    assert code == 65
+    assert "--resolution wants more metres" in said
+    assert left(tmp_path) == ["a.csv"]
+    assert old.read_text() == "old"
+
+
+@pytest.mark.parametrize(
+    ("option", "library", "package"),
+    [("--netcdf", "netCDF4", "netCDF4"), ("--mcap", "foxglove", "foxglove-sdk")],
+)
+def test_a_missing_library_is_named(
+    option: str,
+    library: str,
+    package: str,
+    recording: Path,
+    tmp_path: Path,
+    export: Export,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    code, said = export(recording, option, tmp_path / "a")
+    assert code == 2
+    assert f"{option} needs {package}: pip install 'halocline[shore]'" in said
+
+
+def test_of_several_vehicles_one_is_chosen(told: Told, tmp_path: Path, export: Export) -> None:
+    source = record(tmp_path / "recording", told.messages)
+    few = Told(3)
+    record(source, few.messages, "boat2")
+    code, said = export(source, "--csv", tmp_path / "a.csv")
+    assert code == 65
+    assert "holds 2 vehicles, boat1, boat2: --vehicle says which" in said
+    code, said = export(source, "--csv", tmp_path / "a.csv", "--vehicle", "boat3")
+    assert code == 65
+    assert "holds nothing of boat3" in said
+    assert export(source, "--csv", tmp_path / "a.csv", "--vehicle", "boat2")[0] == 0
+    assert len(pd.read_csv(tmp_path / "a.csv")) == len(few.readings)
+
+
+def test_an_empty_recording_is_told(tmp_path: Path, export: Export) -> None:
+    record(tmp_path / "empty", [])
+    code, said = export(tmp_path / "empty", "--csv", tmp_path / "a.csv")
+    assert code in (65, 66)
+    assert "empty" in said or "neither" in said
+
+
+def test_doubles_and_disorder_leave_no_trace(told: Told, tmp_path: Path, export: Export) -> None:
+    """Gaps are filled late, and a recorder that starts again hears all once more."""
+    draw = random.Random(3)
+    batches = [one for one in told.messages if isinstance(one[1], ObservationBatch | LogBatch)]
+    late = draw.sample(batches, len(batches))
+    source = record(tmp_path / "recording", [*told.messages[::2], *late, *told.messages[1::2], *late])
+    code, said = export(source, "--csv", tmp_path / "a.csv", "--mcap", tmp_path / "a.mcap")
+    assert (code, said) == (0, "")
+    table = pd.read_csv(tmp_path / "a.csv")
+    np.testing.assert_array_equal(table.iloc[:, 3], [one.value for one in told.readings])
+    assert table["time_utc"].is_monotonic_increasing
+
+
+def test_what_is_missing_is_told(told: Told, tmp_path: Path, export: Export) -> None:
+    kept = [one for one in told.messages if not (isinstance(one[1], ObservationBatch) and one[1].first == 80)]
+    code, said = export(record(tmp_path / "recording", kept), "--csv", tmp_path / "a.csv")
+    assert code == 0
+    assert "40 of 480 observations of a run of boat1 are missing" in said
+    assert len(pd.read_csv(tmp_path / "a.csv")) == 440
+
+
+def test_a_damaged_recording_gives_what_it_has(told: Told, tmp_path: Path, export: Export) -> None:
+    source = record(tmp_path / "recording", told.messages)
+    (path,) = source.glob("*.recording")
+    data = bytearray(path.read_bytes())
+    draw = random.Random(4)
+    for _ in range(10):
+        data[draw.randrange(len(data) // 2, len(data))] ^= 0xFF
+    path.write_bytes(data)
+    code, said = export(source, "--csv", tmp_path / "a.csv", "--netcdf", tmp_path / "a.nc")
+    assert code == 0
+    assert "damaged, left out" in said
+    assert 100 < len(pd.read_csv(tmp_path / "a.csv")) <= 480
+
+
+def test_rubbish_under_every_key_is_left_out(told: Told, tmp_path: Path, export: Export) -> None:
+    source, draw = tmp_path / "recording", random.Random(5)
+    record(source, told.messages)
+    with Recorder(source) as recorder:
+        for topic in ("model", "plan", "observations", "health", "log", "survey", "status", "other"):
+            for payload in (b"", b"\xff", draw.randbytes(300), cbor2.dumps({"v": 3}), cbor2.dumps([1] * 50)):
+                recorder.write(UTC_S, f"usv/boat1/{topic}", "", payload)
+        recorder.write(UTC_S, "usv/a/b/c", "", b"")
+        recorder.write(UTC_S, "", "", b"")
+    code, said = export(
+        source, "--csv", tmp_path / "a.csv", "--netcdf", tmp_path / "a.nc", "--mcap", tmp_path / "a.mcap"
+    )
+    assert code == 0
+    assert "left out" in said
+    assert len(said.splitlines()) <= 12
+    assert len(pd.read_csv(tmp_path / "a.csv")) == 480
+
+
+def test_what_another_version_told_is_refused_with_advice(told: Told, tmp_path: Path, export: Export) -> None:
+    source = tmp_path / "recording"
+    with Recorder(source) as recorder:
+        for topic in ("model", "health", "observations"):
+            recorder.write(UTC_S, f"usv/boat1/{topic}", "", cbor2.dumps({"v": 1}))
+    code, said = export(source, "--csv", tmp_path / "a.csv")
+    assert code == 65
+    assert "3 records of boat1 are of another version" in said
+    assert "update the older" in said
+    # Beside what can be read, they are told and left out.
+    record(source, told.messages)
+    code, said = export(source, "--csv", tmp_path / "a.csv")
+    assert code == 0
+    assert "left out: 3 records of boat1 are of another version" in said
+
+
+def test_nothing_is_dated_that_the_vehicle_did_not_date(tmp_path: Path, export: Export) -> None:
+    undated = Told(3, knows_utc=False)
+    source = record(tmp_path / "recording", undated.messages)
+    code, said = export(source, "--csv", tmp_path / "a.csv")
+    assert code == 65
+    assert "boat1 did not know UTC" in said
+    words = ("--csv", tmp_path / "a.csv", "--netcdf", tmp_path / "a.nc", "--date-by-arrival")
+    assert export(source, *words)[0] == 0
+    first = pd.read_csv(tmp_path / "a.csv", parse_dates=["time_utc"])["time_utc"][0].timestamp()
+    assert first == pytest.approx(UTC_S + LATE_S + undated.readings[0].model_time_s, abs=0.01)
+    with xr.open_dataset(tmp_path / "a.nc") as maps:
+        assert "times are those of the arrival" in maps.attrs["comment"]
+
+
+def test_readings_from_before_utc_was_known_are_dated_by_what_came_later(
+    tmp_path: Path, export: Export
+) -> None:
+    told = Told(4)
+    first = told.models[0]
+    messages = [(at, replace(value, utc_s=None) if value is first else value) for at, value in told.messages]
+    assert export(record(tmp_path / "recording", messages), "--csv", tmp_path / "a.csv")[0] == 0
+    times = pd.read_csv(tmp_path / "a.csv", parse_dates=["time_utc"])["time_utc"]
+    assert times[0].timestamp() == pytest.approx(UTC_S + told.readings[0].model_time_s, abs=0.01)
+
+
+def test_a_vehicle_that_starts_again_is_one_track(tmp_path: Path, export: Export) -> None:
+    """Its clock begins at 0 again, an hour later, and numbers begin at 0 in a new run."""
+    told = Told(3)
+    later: list[tuple[float, object]] = []
+    for at, value in told.messages:
+        match value:
+            case HealthNotice():
+                value = replace(value, run=RUN + 1)
+            case ObservationBatch() | LogBatch():
+                value = replace(value, run=RUN + 1)
+            case ModelSnapshot():
+                value = replace(value, utc_s=value.utc_s + 3600.0)
+        later.append((at + 3600.0, value))
+    source = record(tmp_path / "recording", [*told.messages, *later])  # type: ignore[list-item]
+    assert export(source, "--csv", tmp_path / "a.csv", "--netcdf", tmp_path / "a.nc")[0] == 0
+    times = pd.read_csv(tmp_path / "a.csv", parse_dates=["time_utc"])["time_utc"]
+    assert len(times) == 2 * len(told.readings)
+    assert times.is_monotonic_increasing
+    assert (times[120] - times[0]).total_seconds() == pytest.approx(3600.0, abs=0.01)
+    with xr.open_dataset(tmp_path / "a.nc") as maps:
+        assert (np.diff(maps.time.values) > np.timedelta64(0)).all()
+
+
+def test_two_surveys_are_exported_one_at_a_time(told: Told, tmp_path: Path, export: Export) -> None:
+    shift_s = 86_400.0
+    messages = list(told.messages)
+    for at, value in told.messages:
+        if isinstance(value, ModelSnapshot):
+            moved = replace(
+                value,
+                model_time_s=value.model_time_s + shift_s,
+                utc_s=value.utc_s + shift_s,
+                origin_lat_deg=35.0,
+            )
+            messages.append((at + shift_s, moved))
+    source = record(tmp_path / "recording", messages)
+    code, said = export(source, "--netcdf", tmp_path / "a.nc")
+    assert code == 65
+    assert "surveyed another area or variable from 2025-06-16T15:07:48.500Z on" in said
+    assert export(source, "--netcdf", tmp_path / "a.nc", "--until", "2025-06-16T00:00:00")[0] == 0
+    code, said = export(source, "--netcdf", tmp_path / "b.nc", "--from", "2025-06-16T00:00:00Z")
+    assert (code, said) == (0, "")
+    with xr.open_dataset(tmp_path / "a.nc") as first, xr.open_dataset(tmp_path / "b.nc") as second:
+        assert float(first.lat[0]) == pytest.approx(34.4, abs=0.001)
+        assert float(second.lat[0]) == pytest.approx(35.0, abs=0.001)
+        # Nobody told of the second survey's land.
+        assert "was not recorded" in second.attrs["land"]
+
+
+def test_a_window_without_anything_is_told(recording: Path, tmp_path: Path, export: Export) -> None:
+    code, said = export(recording, "--csv", tmp_path / "a.csv", "--from", "2030-01-01")
+    assert code == 65
+    assert "there is no model of boat1" in said
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        ("[1, 2]", "must be a map"),
+        ("a b: 1", "'a b' is no name"),
+        ("license: [x]", "license: must be a text or a number"),
+        ("x: {", "is no YAML"),
+        ("license: true", "license: must be a text or a number"),
+    ],
+)
+def test_attributes_that_are_none_are_told(
+    content: str, why: str, recording: Path, tmp_path: Path, export: Export
+) -> None:
+    path = tmp_path / "attributes.yaml"
+    path.write_text(content)
+    code, said = export(recording, "--netcdf", tmp_path / "a.nc", "--attributes", path)
+    assert code == 65
+    assert why in said
+
+
+def test_health_without_a_clock_dates_nothing(tmp_path: Path, export: Export) -> None:
+    with Recorder(tmp_path / "recording") as recorder:
+        recorder.write(UTC_S, "usv/boat1/health", "", encode(health(None, (0.0, 0.0))))
+    code, said = export(tmp_path / "recording", "--csv", tmp_path / "a.csv")
+    assert code == 65
+    assert "there is no model" in said

@@ -1,0 +1,112 @@
+"""A boat's journal is exported by replaying it: what comes out is what the core believed and told at sea."""
+
+import importlib.util
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import shapely
+import xarray as xr
+
+from autonomy import cli
+from autonomy.effects import Topic
+from autonomy.events import StopRequested
+from autonomy.geometry import LocalFrame
+from autonomy.shell.journal_files import journal_files
+from autonomy.wire import ModelSnapshot
+
+_specification = importlib.util.spec_from_file_location(
+    "golden_make", Path(__file__).parents[2] / "replays" / "make.py"
+)
+assert _specification is not None
+assert _specification.loader is not None
+make = importlib.util.module_from_spec(_specification)
+_specification.loader.exec_module(make)
+
+NAME = "sea_water_practical_salinity"
+
+
+@pytest.fixture(scope="module")
+def sailed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
+    """A short survey: its journal, and the run, which remembers what it published."""
+    folder = tmp_path_factory.mktemp("journal")
+
+    def course(run: Any) -> None:
+        run.advance(240.0)
+        run.happened(StopRequested())
+
+    return folder, make.sail(folder, course)
+
+
+def test_maps_and_readings_are_what_was_told_at_sea(sailed: tuple[Path, Any], tmp_path: Path) -> None:
+    folder, run = sailed
+    words = ("--netcdf", tmp_path / "a.nc", "--csv", tmp_path / "a.csv", "--every", "1s")
+    assert cli.main(["export", str(folder), *map(str, words)]) == 0
+    told: list[ModelSnapshot] = run.published[Topic.MODEL]
+    assert len(told) >= 3
+    with xr.open_dataset(tmp_path / "a.nc") as maps:
+        # The last words may be of the same moment as the model before them.
+        by_time = {one.utc_s: one for one in told}
+        assert len(maps.time) == len(by_time)
+        lon, lat = np.meshgrid(maps.lon, maps.lat)
+        points = LocalFrame(told[0].origin_lat_deg, told[0].origin_lon_deg).to_local(lat, lon)
+        for row, (utc_s, one) in enumerate(sorted(by_time.items())):
+            assert maps.time.values[row] == np.datetime64(round(utc_s * 1e3), "ms")
+            mean = maps[NAME][row].values
+            inside = np.isfinite(mean)
+            predicted = one.model.predict(points[inside])
+            assert np.abs(mean[inside] - predicted.mean).max() < 5e-6
+            error = maps[f"{NAME}_standard_error"][row].values[inside]
+            assert np.abs(error - np.sqrt(predicted.variance)).max() < 5e-6
+        water = shapely.intersects_xy(make.survey().water, points[..., 0], points[..., 1])
+        assert (inside == water).all()
+        assert maps.attrs["configuration_hash"] == told[0].configuration_hash
+    readings = [one for batch in run.published[Topic.OBSERVATIONS] for one in batch]
+    table = pd.read_csv(tmp_path / "a.csv")
+    assert table[f"{NAME} [1]"].tolist() == [one.value for one in readings]
+    assert table["latitude_deg"].tolist() == [one.lat_deg for one in readings]
+
+
+def test_a_file_of_the_run_will_do(sailed: tuple[Path, Any], tmp_path: Path) -> None:
+    (file,) = journal_files(sailed[0])
+    assert cli.main(["export", str(file.path), "--geojson", str(tmp_path / "a.json")]) == 0
+
+
+def test_the_journal_of_another_vehicle_is_told(
+    sailed: tuple[Path, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["export", str(sailed[0]), "--vehicle", "x", "--csv", str(tmp_path / "a")]) == 65
+    assert "is the journal of boat1, not of x" in capsys.readouterr().err
+
+
+def test_damage_in_the_middle_is_told(
+    sailed: tuple[Path, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(sailed[0], folder)
+    (file,) = journal_files(folder)
+    data = bytearray(file.path.read_bytes())
+    middle = len(data) * 3 // 4
+    data[middle : middle + 50] = bytes(50)
+    file.path.write_bytes(data)
+    code = cli.main(["export", str(folder), "--csv", str(tmp_path / "a")])
+    assert "damaged, left out" in capsys.readouterr().err
+    assert code in (0, 70)
+
+
+def test_a_journal_whose_beginning_is_gone_is_refused(
+    sailed: tuple[Path, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(sailed[0], folder)
+    (file,) = journal_files(folder)
+    data = bytearray(file.path.read_bytes())
+    header_end = data.index(b"\xf5HJ\x1e", 4)
+    data[header_end : header_end + 20] = bytes(20)
+    file.path.write_bytes(data)
+    assert cli.main(["export", str(folder), "--csv", str(tmp_path / "a")]) == 65
+    assert "its beginning is gone" in capsys.readouterr().err
+    assert not (tmp_path / "a").exists()
