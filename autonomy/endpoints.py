@@ -97,6 +97,17 @@ class Certificates:
         }
 
 
+THIN_LINK_SETTINGS: dict[str, Any] = {
+    "transport/link/tx/batch_size": 1024,
+    "transport/link/tx/queue/size/data_low": 16,
+    "transport/link/tx/lease": 60_000,
+    "transport/link/tx/keep_alive": 4,
+    "transport/unicast/open_timeout": 60_000,
+}
+"""For a session whose link takes hundreds of bytes per second: what is urgent gets between the pieces of what is large,
+the other side waits a minute to hear anything, and a handshake with certificates may take as long."""
+
+
 def session_settings(
     mode: Literal["peer", "client", "router"],
     connect: Sequence[str] = (),

@@ -7,12 +7,12 @@ from typing import Any
 
 import cbor2
 import numpy as np
+import zstandard
 
 from autonomy import plain_cbor
 from autonomy.effects import Topic
 from autonomy.learning import snapshot
 from autonomy.learning.calibration import CalibrationFigures
-from autonomy.learning.field_model import FieldModel
 from autonomy.plain_cbor import OBJECT_TAGS
 from autonomy.wire_rules import (
     FLOAT64_TAG,
@@ -72,6 +72,9 @@ __all__ = [
     "decode",
     "encode",
     "key",
+    "parse",
+    "predict_key",
+    "predict_schema",
     "schema",
     "split_key",
 ]
@@ -85,6 +88,16 @@ _MAXIMUM_ITEMS = 10_000
 def key(vehicle: str, topic: Topic) -> str:
     """The zenoh key of a vehicle's topic."""
     return f"usv/{vehicle}/{topic.value}"
+
+
+def predict_key(vehicle: str) -> str:
+    """The key under which a vehicle is asked what its model says of places; see `autonomy.predicting`."""
+    return f"usv/{vehicle}/predict"
+
+
+def predict_schema() -> str:
+    """Name of the schema of an answer under that key."""
+    return f"halocline/predict/{VERSION}"
 
 
 def alive_key(vehicle: str) -> str:
@@ -125,7 +138,7 @@ def _cut(sentence: str, maximum: int) -> str:
     return sentence if len(sentence) <= maximum else sentence[: maximum - 1] + "…"
 
 
-def _as_map(value: Message) -> tuple[Topic, dict[str, Any]]:
+def _as_map(value: Message, inducing: int | None) -> tuple[Topic, dict[str, Any]]:
     match value:
         case ObservationBatch():
             return Topic.OBSERVATIONS, _numbers_of(value) | _observation_columns(value.items)
@@ -135,9 +148,10 @@ def _as_map(value: Message) -> tuple[Topic, dict[str, Any]]:
     content = _fields(value)
     match value:
         case ModelSnapshot():
-            content["model"] = _encode_model(value.model)
+            content["model"] = _encode_model(value, inducing)
             content["bounds_m"] = _float64(value.bounds_m)
-            content["stated_error"] = _float64(value.stated_error)
+            # The byte string says these itself.
+            del content["precision"], content["stated_error"], content["believed"]
             return Topic.MODEL, content
         case PlanNotice():
             content["start_deg"] = _float64(value.start_deg)
@@ -180,20 +194,26 @@ def _ring(ring: Ring) -> cbor2.CBORTag:
     return cbor2.CBORTag(INT32_TAG, rounded.astype("<i4").tobytes())
 
 
-def encode(value: Message) -> bytes:
+def encode(value: Message, *, packed: bool = False, inducing: int | None = None) -> bytes:
     """The CBOR form of a message.
 
     A sentence that is too long is cut, and of too many rejected candidates the best are told.
 
+    Args:
+        value: the message. A model goes with the precision that it names.
+        packed: compressed by zstd, for thin links.
+        inducing: of a model that is not to be lossless, the most places that it may be sent at; None: all.
+
     Raises:
         WireError: a field is outside the bounds that `decode` accepts; names topic, field and bound.
     """
-    topic, content = _as_map(value)
+    topic, content = _as_map(value, inducing)
     checked(topic, content)
     try:
-        return cbor2.dumps({"v": VERSION, **content})
+        payload: bytes = cbor2.dumps({"v": VERSION, **content})
     except UnicodeEncodeError as error:
         raise WireError(f"{topic.value}: a text cannot be written as UTF-8: {error.reason}") from None
+    return zstandard.ZstdCompressor(level=9).compress(payload) if packed else payload
 
 
 def decode(topic: Topic, payload: bytes) -> Message:
@@ -203,7 +223,7 @@ def decode(topic: Topic, payload: bytes) -> Message:
         VersionError: a map of another version.
         WireError: not CBOR, too large, a field missing, of a wrong type or out of bounds.
     """
-    content = _parse(topic, payload)
+    content = parse(topic, payload)
     if content.get("v") != VERSION:
         raise VersionError(
             f"{topic.value}: v: must be {VERSION} (got {brief(content.get('v'))}): "
@@ -212,7 +232,10 @@ def decode(topic: Topic, payload: bytes) -> Message:
     values = checked(topic, content)
     match topic:
         case Topic.MODEL:
-            return ModelSnapshot(**{**values, "model": _decode_model(values["model"])})
+            read = _decode_model(values["model"])
+            error = (read.stated_error.mean, read.stated_error.sd)
+            known = {"model": read.model, "precision": read.precision, "stated_error": error}
+            return ModelSnapshot(**{**values, **known, "believed": read.kernel})
         case Topic.PLAN:
             return PlanNotice(**values)
         case Topic.OBSERVATIONS:
@@ -230,30 +253,46 @@ def decode(topic: Topic, payload: bytes) -> Message:
             return StatusDigest(**values)
 
 
-def _parse(topic: Topic, payload: bytes) -> dict[str, Any]:
+def parse(topic: Topic, payload: bytes) -> dict[str, Any]:
+    """The map in a payload, before its version and its fields are looked at.
+
+    Raises:
+        WireError: it is none, or too large.
+    """
     try:
         content = plain_cbor.load(
-            payload, maximum_bytes=MAXIMUM_BYTES, maximum_items=_MAXIMUM_ITEMS, maximum_depth=4
+            _unpacked(payload), maximum_bytes=MAXIMUM_BYTES, maximum_items=_MAXIMUM_ITEMS, maximum_depth=4
         )
-    except plain_cbor.CBORError as error:
+    except (plain_cbor.CBORError, zstandard.ZstdError) as error:
         raise WireError(f"{topic.value}: {error}") from None
     if not isinstance(content, dict):
         raise WireError(f"{topic.value}: must be a map (got {brief(content)})")
     return content
 
 
-def _encode_model(model: FieldModel) -> bytes:
+def _unpacked(payload: bytes) -> bytes:
+    """What was packed, which says before how large it is."""
+    if not payload.startswith(zstandard.FRAME_HEADER):
+        return payload
+    size = zstandard.get_frame_parameters(payload).content_size
+    if size > MAXIMUM_BYTES:
+        raise plain_cbor.CBORError(f"must have at most {MAXIMUM_BYTES} bytes unpacked")
+    return zstandard.ZstdDecompressor().decompress(payload, max_output_size=MAXIMUM_BYTES)
+
+
+def _encode_model(value: ModelSnapshot, inducing: int | None) -> bytes:
     try:
-        return snapshot.encode(model)
+        thinner = None if value.precision == "lossless" else inducing
+        return snapshot.encode(value.model, precision=value.precision, inducing=thinner)
     except ValueError as error:
         raise WireError(f"model: model: {error}") from None
 
 
-def _decode_model(blob: bytes) -> FieldModel:
+def _decode_model(blob: bytes) -> snapshot.Snapshot:
     try:
-        model = snapshot.decode(blob)
+        read = snapshot.read(blob)
     except ValueError as error:
         raise WireError(f"model: model: {error}") from None
-    if model.kernel.dimensions != 2:
-        raise WireError(f"model: model: must have two axes (got {model.kernel.dimensions})")
-    return model
+    if read.model.kernel.dimensions != 2:
+        raise WireError(f"model: model: must have two axes (got {read.model.kernel.dimensions})")
+    return read

@@ -30,7 +30,6 @@ MAXIMUM_LINES = 500
 MAXIMUM_RINGS = 1000
 MAXIMUM_RING_CORNERS = 20_000
 MAXIMUM_DIGEST = 340
-PRECISIONS = ("lossless", "16 bit", "12 bit", "8 bit")
 RING_UNITS_PER_DEG = 1e6
 """Corners of rings are whole millionths of a degree, a tenth of a metre, so that they take half the bytes."""
 
@@ -245,11 +244,6 @@ def _bounds_deg(value: Any) -> tuple[float, float, float, float]:
     return south, west, north, east
 
 
-def _errors(value: Any) -> tuple[float, float]:
-    mean, sd = _numbers(1, 1, _number(0, 1e6), group=2)(value)
-    return mean, sd
-
-
 def _lines(value: Any) -> tuple[tuple[str, str, float | None], ...]:
     """Level, text and time of lines of the log."""
     if not isinstance(value, list | tuple) or len(value) > MAXIMUM_LINES:
@@ -337,8 +331,6 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "capacity": _count,
         "rho0": _share,
         "configuration_hash": _text(64),
-        "precision": _one_of(PRECISIONS),
-        "stated_error": _errors,
     },
     Topic.PLAN: {
         "sequence": _count,

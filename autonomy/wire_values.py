@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.field_model import FieldModel
+from autonomy.learning.kernel import Kernel
+from autonomy.learning.snapshot import Precision
 
 Ring = tuple[tuple[float, float], ...]
 """Latitude and longitude of the corners of a closed line, in degrees; the last is not the first again."""
@@ -35,9 +37,11 @@ class ModelSnapshot:
         capacity: most basis vectors that the model may have.
         rho0: the share of new basis vectors at which everything is estimated and planned anew.
         configuration_hash: of the configuration that the vehicle runs with; equal ones are one.
-        precision: how `model` travelled: one of `PRECISIONS`.
+        precision: how `model` travels: one of `snapshot.PRECISIONS`.
         stated_error: by how much the map that is made of what travelled may differ from the vehicle's, in the mean
             and in the standard deviation, as shares of the field's standard deviation; 0 for lossless.
+        believed: the kernel on board, which parts of the field move and how. That of `model` stands still where it
+            went over a thin link. None before it has travelled: then it is that of `model`.
     """
 
     vehicle: str
@@ -60,8 +64,9 @@ class ModelSnapshot:
     capacity: int
     rho0: float
     configuration_hash: str
-    precision: str = "lossless"
+    precision: Precision = "lossless"
     stated_error: tuple[float, float] = (0.0, 0.0)
+    believed: Kernel | None = None
 
 
 @dataclass(frozen=True)

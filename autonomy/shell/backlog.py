@@ -34,6 +34,11 @@ class _Numbers:
         self.dropped = 0
         """How many are gone that were never handed to anybody."""
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether there is something that has not been sent."""
+        return self.sent < self.end
+
     def skip(self) -> None:
         """Nobody listens: what is there will be asked for, and only what comes from now on is sent by itself."""
         with self._lock:

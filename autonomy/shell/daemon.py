@@ -11,7 +11,7 @@ from collections.abc import Hashable
 from dataclasses import replace
 from typing import Any
 
-from autonomy.charting import fence_rings, survey_notice
+from autonomy.charting import CORNERS, fence_rings, survey_notice
 from autonomy.config import Configuration, ShoreSection
 from autonomy.core import Core
 from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob, Topic
@@ -85,11 +85,13 @@ class Daemon:
             shore.connect,
             backlog=shore.backlog,
             certificates=_certificates(shore),
+            precision=shore.precision,
+            rate_limit_bytes_per_s=shore.rate_limit_bytes_per_s,
         )
         self._certificate_doubt = doubt(
             configuration.vehicle.name, shore.tls.certificate, shore.tls.private_key
         )
-        self._chart = survey_notice(configuration, survey)
+        self._chart = survey_notice(configuration, survey, _corners(shore))
         self._safeguards: Safeguards | None = None
         self._worker = Worker(survey, self._job_finished, self._job_failed, run=job_runner)
         self._journal = journal
@@ -300,6 +302,12 @@ class Daemon:
         if period_s is not None and self._ended is not None and not self._ended.done():
             self._notifier.watchdog()
             asyncio.get_running_loop().call_later(period_s, self._feed_watchdog)
+
+
+def _corners(shore: ShoreSection) -> int:
+    """Corners of outlines, in eight bytes each, that go ashore within ten seconds on a thin link."""
+    rate = shore.rate_limit_bytes_per_s
+    return CORNERS if rate is None else min(CORNERS, int(10.0 * rate / 8.0))
 
 
 def _certificates(shore: ShoreSection) -> Certificates:

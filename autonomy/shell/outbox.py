@@ -7,14 +7,30 @@ from dataclasses import dataclass, replace
 
 from autonomy import wire
 from autonomy.effects import Topic
+from autonomy.learning.snapshot import PRECISIONS, Precision
 from autonomy.shell.backlog import Lines, Observations
+from autonomy.shell.rate_limit import RateLimit
 
 log = logging.getLogger(__name__)
 
-LATEST_WINS = (Topic.HEALTH, Topic.STATUS, Topic.SURVEY, Topic.PLAN, Topic.MODEL)
+LATEST_WINS = (Topic.HEALTH, Topic.STATUS, Topic.PLAN, Topic.SURVEY, Topic.MODEL)
 """Of these only the newest counts; in the order in which they go."""
 NUMBERED = (Topic.LOG, Topic.OBSERVATIONS)
 """Of these all that is kept can be had."""
+
+SHARES = {Topic.HEALTH: 0.15, Topic.MODEL: 0.45}
+"""Of a limited rate, what these may take at most. Plan, survey and status are rare; the others have the rest."""
+MODEL_S = 20.0
+"""On a limited link a model may take so long, if there is a precision at which it does; the newest is never older than
+twice that, and the wait for its turn."""
+PIECE_S = 4.0
+"""So long a piece of the observations or the log takes on a limited link: nothing more urgent waits for longer."""
+GATHER_S = 10.0
+"""On a limited link observations and lines go together, as many as have come in so long: singly they cost thrice."""
+INDUCING = 100
+"""Places at which a map goes over a limited link, at most; fewer if it would take too long still."""
+_FEWEST_INDUCING = 25
+_ROOMY = 0.4
 
 
 @dataclass(frozen=True)
@@ -32,14 +48,22 @@ class Outbox:
         run: number of this run of the software.
         observations: how many observations are kept.
         lines: how many lines of the log are kept.
+        precision: that models go out with; on a limited link the best that is quick enough, and no better than this.
+        limit: what the link can take.
     """
 
-    def __init__(self, run: int, observations: int, lines: int) -> None:
+    def __init__(
+        self, run: int, observations: int, lines: int, precision: Precision, limit: RateLimit
+    ) -> None:
         self._lock = threading.Lock()
         self._run = run
-        self._waiting: dict[Topic, wire.Message] = {}
+        self._precision = precision
+        self._limit = limit
+        self._waiting: set[Topic] = set()
         self._latest: dict[Topic, wire.Message] = {}
         self._encoded: dict[Topic, tuple[wire.Message, bytes]] = {}
+        self._not_before: dict[Topic, float] = {}
+        self._coarseness = 0
         self.observations = Observations(run, observations)
         self.lines = Lines(run, lines)
         self.refused = 0
@@ -65,35 +89,43 @@ class Outbox:
                     self.lines.add(value)
             case _:
                 with self._lock:
-                    self._waiting[topic] = value
+                    self._waiting.add(topic)
                     self._latest[topic] = value
 
-    def has_work(self, listened: Collection[Topic]) -> bool:
-        """Whether `next` has anything for those who listen to these topics."""
-        return any(topic in listened for topic in list(self._waiting)) or any(
-            store.sent < store.end
-            for topic, store in ((Topic.LOG, self.lines), (Topic.OBSERVATIONS, self.observations))
-            if topic in listened
-        )
+    def due_in_s(self, now: float, listened: Collection[Topic]) -> float | None:
+        """When `next` will have something for those who listen to these topics; None if nothing waits for them."""
+        with self._lock:
+            waiting = [topic for topic in self._waiting if topic in listened]
+        waiting += [topic for topic in NUMBERED if topic in listened and self._store(topic).is_behind]
+        if not waiting:
+            return None
+        turn = min(self._not_before.get(topic, now) for topic in waiting) - now
+        return max(0.0, turn, self._limit.wait_s(now))
 
-    def next(self, listened: Collection[Topic]) -> Parcel | None:
-        """What goes next to those who listen to these topics; None if nothing does.
+    def next(self, now: float, listened: Collection[Topic]) -> Parcel | None:
+        """What goes now to those who listen to these topics, which counts as sent; None if nothing does.
 
         What nobody listens to is not sent: whoever comes later asks for it.
         """
-        for topic in LATEST_WINS:
-            with self._lock:
-                waiting = self._waiting.pop(topic, None) is not None
-            payload = self.latest(topic) if waiting and topic in listened else None
-            if payload is not None:
-                return Parcel(topic, payload)
         for topic in NUMBERED:
-            store = self.lines if topic is Topic.LOG else self.observations
             if topic not in listened:
-                store.skip()
-            elif store.sent < store.end:
-                return Parcel(topic, self.piece(topic, store.sent, store.end - store.sent))
+                self._store(topic).skip()
+        if self._limit.wait_s(now) > 0.0:
+            return None
+        for topic in (*LATEST_WINS, *NUMBERED):
+            payload = None if now < self._not_before.get(topic, now) else self._take(topic, listened)
+            if payload is not None:
+                self._limit.spend(len(payload))
+                self._rest(topic, now, payload)
+                return Parcel(topic, payload)
         return None
+
+    @property
+    def newest_model(self) -> wire.ModelSnapshot | None:
+        """As it is on board, None while there is none."""
+        with self._lock:
+            newest = self._latest.get(Topic.MODEL)
+        return newest if isinstance(newest, wire.ModelSnapshot) else None
 
     def latest(self, topic: Topic) -> bytes | None:
         """The payload of the newest of a topic; None if there is none that can be encoded."""
@@ -104,20 +136,65 @@ class Outbox:
         known = self._encoded.get(topic)
         if known is not None and known[0] is value:
             return known[1]
-        if isinstance(value, wire.HealthNotice):
-            ends = (self.observations.sent, self.lines.sent)
-            told: wire.Message = replace(value, run=self._run, observations_end=ends[0], log_end=ends[1])
-        else:
-            told = value
-        payload = self._written(told)
+        match value:
+            case wire.HealthNotice():
+                ends = (self.observations.sent, self.lines.sent)
+                told = replace(value, run=self._run, observations_end=ends[0], log_end=ends[1])
+                payload = self._written(told)
+            case wire.ModelSnapshot():
+                payload = self._model(value)
+            case _:
+                payload = self._written(value)
         if payload is not None:
             self._encoded[topic] = (value, payload)
         return payload
 
     def piece(self, topic: Topic, first: int, count: int) -> bytes:
         """Observations or lines from a number on, at most so many and one payload full."""
-        store = self.lines if topic is Topic.LOG else self.observations
-        return wire.encode(store.batch(first, count))
+        most = count
+        if self._limit.bytes_per_s is not None:
+            each = 25 if topic is Topic.OBSERVATIONS else 60
+            most = min(count, max(1, int(PIECE_S * self._limit.bytes_per_s / each)))
+        return self._bytes(self._store(topic).batch(first, most))
+
+    def _store(self, topic: Topic) -> Observations | Lines:
+        return self.lines if topic is Topic.LOG else self.observations
+
+    def _take(self, topic: Topic, listened: Collection[Topic]) -> bytes | None:
+        if topic in NUMBERED:
+            store = self._store(topic)
+            behind = topic in listened and store.is_behind
+            return self.piece(topic, store.sent, store.end - store.sent) if behind else None
+        with self._lock:
+            waiting = topic in self._waiting
+            self._waiting.discard(topic)
+        return self.latest(topic) if waiting and topic in listened else None
+
+    def _rest(self, topic: Topic, now: float, payload: bytes) -> None:
+        """On a limited link, when a topic has its turn again."""
+        if self._limit.bytes_per_s is None:
+            return
+        if topic in SHARES:
+            self._not_before[topic] = now + self._limit.worth_s(len(payload)) / SHARES[topic]
+        elif topic in NUMBERED and not self._store(topic).is_behind:
+            self._not_before[topic] = now + GATHER_S
+
+    def _model(self, snapshot: wire.ModelSnapshot) -> bytes | None:
+        """At the best precision at which it is quick enough; if there was much room, the next tries a better one."""
+        if self._limit.bytes_per_s is None:
+            return self._written(replace(snapshot, precision=self._precision))
+        ladder = _ladder(self._precision)
+        while True:
+            precision, inducing = ladder[self._coarseness]
+            payload = self._written(replace(snapshot, precision=precision), inducing)
+            if payload is None:
+                return None
+            takes_s = self._limit.worth_s(len(payload))
+            if takes_s <= MODEL_S or self._coarseness == len(ladder) - 1:
+                if takes_s < _ROOMY * MODEL_S:
+                    self._coarseness = max(0, self._coarseness - 1)
+                return payload
+            self._coarseness += 1
 
     def _writable(self, notices: tuple[wire.ObservationNotice, ...]) -> list[wire.ObservationNotice]:
         """Those that can be written: one that cannot must not take those with it whose batch it shares."""
@@ -125,10 +202,25 @@ class Outbox:
             one for one in notices if self._written(wire.ObservationBatch(0, 0, 0, 1, (one,))) is not None
         ]
 
-    def _written(self, message: wire.Message) -> bytes | None:
+    def _written(self, message: wire.Message, inducing: int | None = None) -> bytes | None:
         try:
-            return wire.encode(message)
+            return self._bytes(message, inducing)
         except wire.WireError as error:
             log.warning("not published: %s", error)
             self.refused += 1
             return None
+
+    def _bytes(self, message: wire.Message, inducing: int | None = None) -> bytes:
+        return wire.encode(message, packed=self._limit.bytes_per_s is not None, inducing=inducing)
+
+
+def _ladder(precision: Precision) -> list[tuple[Precision, int | None]]:
+    """Ways to send a model over a limited link, each smaller than the one before."""
+    steps: list[tuple[Precision, int | None]] = []
+    for each in PRECISIONS[PRECISIONS.index(precision) :]:
+        steps.append((each, None if each == "lossless" else INDUCING))
+    fewer = INDUCING // 2
+    while fewer >= _FEWEST_INDUCING:
+        steps.append((PRECISIONS[-1], fewer))
+        fewer //= 2
+    return steps

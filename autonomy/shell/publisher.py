@@ -4,7 +4,6 @@ import logging
 import secrets
 import threading
 import time
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -13,9 +12,11 @@ import zenoh
 
 from autonomy import wire
 from autonomy.effects import Topic
-from autonomy.endpoints import Certificates, session_settings
-from autonomy.shell.outbox import LATEST_WINS, Outbox
-from autonomy.wire_questions import wanted_piece
+from autonomy.endpoints import THIN_LINK_SETTINGS, Certificates, session_settings
+from autonomy.learning.snapshot import Precision
+from autonomy.shell.outbox import Outbox
+from autonomy.shell.questions import Questions, encoding
+from autonomy.shell.rate_limit import RateLimit
 from autonomy.zenoh_session import zenoh_config
 
 log = logging.getLogger(__name__)
@@ -23,7 +24,6 @@ log = logging.getLogger(__name__)
 _LOOK_AROUND_S = 0.25
 _REOPEN_S = 5.0
 _UNASKED_S = 10.0
-_MOST_QUESTIONS = 200
 _PRIORITY = {
     Topic.MODEL: zenoh.Priority.DATA_LOW,
     Topic.OBSERVATIONS: zenoh.Priority.DATA_LOW,
@@ -95,6 +95,9 @@ class Publisher:
         connect: zenoh endpoints of the routers ashore. None named: nothing is opened, values are discarded.
         backlog: observations kept.
         line_limit: log lines kept.
+        precision: that models go out with.
+        rate_limit_bytes_per_s: what the link can take: models are coarser and everything is rarer then; None: all
+            goes as it comes.
         certificates: for routers dialled by tls/… or quic/….
 
     Raises:
@@ -108,16 +111,22 @@ class Publisher:
         backlog: int = 604_800,
         line_limit: int = 5000,
         certificates: Certificates | None = None,
+        precision: Precision = "16 bit",
+        rate_limit_bytes_per_s: float | None = None,
     ) -> None:
         if not wire.VEHICLE_NAME.fullmatch(vehicle):
             raise ValueError(f"vehicle name must match {wire.VEHICLE_NAME.pattern} (got {vehicle!r})")
         self._vehicle = vehicle
         self._settings = session_settings("peer", connect=connect, certificates=certificates)
+        if rate_limit_bytes_per_s is not None:
+            self._settings |= THIN_LINK_SETTINGS
         self._connect = list(connect)
         self._changed = threading.Condition()
         # Any number will do that no earlier run of this vehicle had; the clock of a boat may begin at the same moment.
-        self._outbox = Outbox(secrets.randbits(52), backlog, line_limit)
-        self._questions: deque[zenoh.Query] = deque()
+        run = secrets.randbits(52)
+        limit = RateLimit(rate_limit_bytes_per_s)
+        self._outbox = Outbox(run, backlog, line_limit, precision, limit)
+        self._questions = Questions(vehicle, self._outbox, limit)
         self._stopping = False
         self._asked = 0
         self._unasked_since: float | None = None
@@ -176,7 +185,7 @@ class Publisher:
         publishers = {
             topic: session.declare_publisher(
                 wire.key(self._vehicle, topic),
-                encoding=zenoh.Encoding.APPLICATION_CBOR.with_schema(wire.schema(topic)),
+                encoding=encoding(wire.schema(topic)),
                 # What finds no room is gone: observations and lines are asked for again, of others the next is newer.
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=_PRIORITY[topic],
@@ -195,49 +204,37 @@ class Publisher:
         listened: set[Topic] = set()
         while True:
             with self._changed:
-                if not (self._stopping or self._questions or self._outbox.has_work(listened)):
-                    self._changed.wait(_LOOK_AROUND_S)
+                if not self._stopping:
+                    self._changed.wait(self._idle_s(listened))
                 stopping = self._stopping
             listened = {topic for topic in Topic if _matched(publishers[topic])}
-            while (parcel := self._outbox.next(listened)) is not None:
+            while (parcel := self._outbox.next(time.monotonic(), listened)) is not None:
                 publishers[parcel.topic].put(parcel.payload)
                 self._set_status(published=self._status.published + 1)
-            while self._questions:
-                with self._questions.popleft() as query:
-                    self._answer(query)
+            while self._questions.answer_one(time.monotonic()):
+                if self._outbox.due_in_s(time.monotonic(), listened) == 0.0:
+                    break
             self._look_around(session, publishers[Topic.MODEL])
             if stopping:
                 return
 
+    def _idle_s(self, listened: set[Topic]) -> float:
+        """How long nothing can be done, unless something comes."""
+        now = time.monotonic()
+        free_s = [_LOOK_AROUND_S]
+        due_s = self._outbox.due_in_s(now, listened)
+        if due_s is not None:
+            free_s.append(due_s)
+        if self._questions:
+            free_s.append(self._questions.wait_s(now))
+        return min(free_s)
+
     def _asked_for(self, query: zenoh.Query) -> None:
         """Somebody asks; runs in zenoh's thread."""
         self._asked += 1
-        if len(self._questions) >= _MOST_QUESTIONS:
-            with query:
-                query.reply_err("too many questions at once: ask again later")
-            return
+        self._questions.add(query)
         with self._changed:
-            self._questions.append(query)
             self._changed.notify()
-
-    def _answer(self, query: zenoh.Query) -> None:
-        """The newest of what is asked for; of observations and lines the piece that is asked for."""
-        try:
-            wanted = wanted_piece(query.parameters.get("from"), query.parameters.get("count"))
-        except wire.WireError as error:
-            query.reply_err(str(error))
-            return
-        for topic in Topic:
-            name = wire.key(self._vehicle, topic)
-            if not query.key_expr.intersects(name):
-                continue
-            if topic in LATEST_WINS:
-                payload = self._outbox.latest(topic)
-            else:
-                payload = None if wanted is None else self._outbox.piece(topic, wanted.first, wanted.count)
-            if payload is not None:
-                encoding = zenoh.Encoding.APPLICATION_CBOR.with_schema(wire.schema(topic))
-                query.reply(name, payload, encoding=encoding)
 
     def _look_around(self, session: zenoh.Session, publisher: zenoh.Publisher) -> None:
         connected = len(session.info.routers_zid()) + len(session.info.peers_zid())

@@ -46,6 +46,9 @@ class TlsSection(Section):
             yield Conflict((missing, given), what, "both certificate and private_key, or neither")
 
 
+ByteRate = Annotated[float, Field(ge=50, le=10_000_000, allow_inf_nan=False)]
+
+
 class ShoreSection(Section):
     """zenoh: the routers ashore that the vessel dials, and how often it publishes."""
 
@@ -62,7 +65,16 @@ class ShoreSection(Section):
         default=604_800,
         ge=1,
         le=10_000_000,
-        description="observations kept while nobody ashore listens, in 40 bytes each; then the oldest are dropped",
+        description="observations kept for whoever ashore lacks them, in 40 bytes each; then the oldest are dropped",
+    )
+    precision: Literal["lossless", "16 bit", "12 bit", "8 bit"] = Field(
+        default="16 bit", description="precision of the models that are published"
+    )
+    rate_limit_bytes_per_s: ByteRate | None = Field(
+        default=None,
+        description="what a thin link can take: models are coarser and everything is rarer then, the newest "
+        "first; null: there is no limit",
+        json_schema_extra={"unit": "bytes/s"},
     )
     tls: TlsSection = TlsSection()
 
