@@ -23,6 +23,16 @@ from autonomy.shore.subscriber import Counters
 
 PAGE = Path(__file__).parent.parent / "page"
 _LARGEST_BODY = 4096
+# Said here, for what a system's own list says of them differs, and browsers run no module under a wrong type.
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+    ".woff2": "font/woff2",
+    ".txt": "text/plain; charset=utf-8",
+}
 
 
 @dataclass(frozen=True)
@@ -94,10 +104,13 @@ def _json(value: Any) -> web.Response:
 
 
 def _file(page: Path, name: str) -> web.FileResponse:
+    kind = _TYPES.get(Path(name).suffix)
+    if kind is None or "\0" in name:
+        raise web.HTTPNotFound(text="no such file\n")
     file = (page / name).resolve()
     if not file.is_relative_to(page.resolve()) or not file.is_file():
         raise web.HTTPNotFound(text="no such file\n")
-    return web.FileResponse(file, headers={"Cache-Control": "no-cache"})
+    return web.FileResponse(file, headers={"Content-Type": kind, "Cache-Control": "no-cache"})
 
 
 async def _index(request: web.Request) -> web.StreamResponse:

@@ -13,6 +13,7 @@ from autonomy.shore.server.plain import dumps
 MAXIMUM_CLIENTS = 64
 _QUEUE = 500
 _PATIENCE_S = 20.0
+_HEARTBEAT_S = 20.0
 _FLEET_PERIOD_S = 1.0
 _QUIET = 10
 _IN_ORDER = (Topic.OBSERVATIONS.value, Topic.LOG.value)
@@ -114,7 +115,7 @@ class Live:
         """A page's connection, until it ends."""
         if len(self._clients) >= MAXIMUM_CLIENTS:
             raise web.HTTPServiceUnavailable(text=f"there are {MAXIMUM_CLIENTS} pages open already")
-        socket = web.WebSocketResponse(heartbeat=_PATIENCE_S, max_msg_size=1024, compress=False)
+        socket = web.WebSocketResponse(heartbeat=_HEARTBEAT_S, max_msg_size=1024, compress=False)
         client = Client(vehicles)
         # Counted before the first wait, or as many as like would pass the limit at once.
         with self._lock:
