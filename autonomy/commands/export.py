@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import importlib.util
 import math
 import re
 import shlex
@@ -35,8 +36,12 @@ _FORMATS = {
     "mcap": "all of it as a log for Foxglove and Lichtblick",
     "csv": "readings as a table",
 }
-_LIBRARIES = {"netcdf": "netCDF4", "trajectory": "netCDF4", "mcap": "foxglove"}
-_PACKAGES = {"netCDF4": "netCDF4", "foxglove": "foxglove-sdk"}
+_LIBRARIES = {
+    "netcdf": ("netCDF4",),
+    "trajectory": ("netCDF4",),
+    "mcap": ("foxglove", "matplotlib", "cmocean"),
+}
+_PACKAGES = {"foxglove": "foxglove-sdk"}
 _UNITS_S = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 _SHOWN = 10
 
@@ -283,16 +288,10 @@ def _outputs(arguments: argparse.Namespace) -> dict[str, Path]:
 
 def _require_libraries(outputs: Mapping[str, Path]) -> None:
     for name in outputs:
-        library = _LIBRARIES.get(name)
-        if library is None:
-            continue
-        try:
-            __import__(library)
-        except ModuleNotFoundError as error:
-            if (error.name or "").partition(".")[0] != library:
-                raise
-            why = f"--{name} needs {_PACKAGES[library]}: pip install 'halocline[shore]'"
-            raise _FailedError(why, EXIT_USAGE) from None
+        for library in _LIBRARIES.get(name, ()):
+            if importlib.util.find_spec(library) is None:
+                what = _PACKAGES.get(library, library)
+                raise _FailedError(f"--{name} needs {what}: pip install 'halocline[shore]'", EXIT_USAGE)
 
 
 def _attributes(path: Path | None) -> dict[str, Any]:

@@ -25,9 +25,11 @@ from foxglove.channels import (
 )
 
 from autonomy.export.archive import Archive
+from autonomy.export.colours import Colours, colormap_of
 from autonomy.export.grid import local_water
 from autonomy.export.values import DatedLine, DatedModel, DatedPlan, Readings, State, Subject
 from autonomy.geometry import FloatArray
+from autonomy.learning.field_model import FieldModel
 from autonomy.planning.plan_geojson import feature, line, position
 
 FRAME = "survey"
@@ -38,6 +40,7 @@ _LEVELS = {
     "warning": messages.LogLevel.Warning,
     "error": messages.LogLevel.Error,
 }
+_CELL = np.dtype([("value", "<f4"), ("colour", "u1", (4,))])
 _ROUTE = messages.Color(r=0.9, g=0.6, b=0.0, a=1.0)
 _SPOT = messages.Color(r=0.8, g=0.25, b=0.0, a=1.0)
 _NUMBERS = {"type": ["number", "null"]}
@@ -76,10 +79,17 @@ def write_mcap(path: Path, archive: Archive, subject: Subject, water: Any, resol
     """
     context = foxglove.Context()
     with foxglove.open_mcap(path, context=context) as file:
-        writer = _Writer(context, archive.vehicle, subject, water, resolution_m)
+        newest = archive.newest().snapshot.model
+        writer = _Writer(context, archive.vehicle, subject, water, resolution_m, newest)
         file.write_metadata(
             "halocline",
-            {"vehicle": archive.vehicle, "variable": subject.variable, "units": subject.units},
+            {
+                "vehicle": archive.vehicle,
+                "variable": subject.variable,
+                "units": subject.units,
+                "colours of the mean": str(writer.mean_colours),
+                "colours of the standard deviation": str(writer.sd_colours),
+            },
         )
         count = 0
         for moment in heapq.merge(
@@ -130,6 +140,7 @@ class _Writer:
         subject: Subject,
         water: Any,
         resolution_m: float | None,
+        newest: FieldModel,
     ) -> None:
         self._vehicle, self._subject = vehicle, subject
         topic = f"/{vehicle}"
@@ -150,6 +161,11 @@ class _Writer:
         )
         self._x, self._y = (_axis(low, high, self._cell_m) for low, high in ((x_min, x_max), (y_min, y_max)))
         self._dry = ~local_water(water, self._x, self._y)
+        prediction = newest.predict_grid(self._x, self._y)
+        wet = prediction.mean[~self._dry] if not self._dry.all() else prediction.mean
+        largest = np.sqrt(np.maximum(prediction.variance, 0.0)).max()
+        self.mean_colours = Colours(colormap_of(subject.variable), float(wet.min()), float(wet.max()))
+        self.sd_colours = Colours("viridis", 0.0, float(largest))
 
     def put(self, moment: _Moment) -> None:
         """One message, or the few that belong together."""
@@ -183,9 +199,9 @@ class _Writer:
     def _put_model(self, dated: DatedModel, at: int, stamp: messages.Timestamp) -> None:
         snapshot, model = dated.snapshot, dated.snapshot.model
         prediction = model.predict_grid(self._x, self._y)
-        self._mean.log(self._grid("mean", prediction.mean, stamp), log_time=at)
+        self._mean.log(self._grid("mean", prediction.mean, self.mean_colours, stamp), log_time=at)
         sd = np.sqrt(np.maximum(prediction.variance, 0.0))
-        self._sd.log(self._grid("standard_deviation", sd, stamp), log_time=at)
+        self._sd.log(self._grid("standard_deviation", sd, self.sd_colours, stamp), log_time=at)
         self._model.log(
             {
                 "rho": _known(snapshot.rho),
@@ -199,20 +215,30 @@ class _Writer:
             log_time=at,
         )
 
-    def _grid(self, name: str, values: FloatArray, stamp: messages.Timestamp) -> messages.Grid:
-        """A map, rows from south to north; NaN where there is no water."""
-        data = np.where(self._dry, np.nan, values).astype("<f4")
-        kind = messages.PackedElementFieldNumericType.Float32
+    def _grid(
+        self, name: str, values: FloatArray, colours: Colours, stamp: messages.Timestamp
+    ) -> messages.Grid:
+        """A map, rows from south to north: the value, NaN where there is no water, and its colour, clear there."""
+        cells = np.zeros(values.shape, dtype=_CELL)
+        cells["value"] = np.where(self._dry, np.nan, values)
+        cells["colour"][..., :3] = colours.of(values)
+        cells["colour"][..., 3] = np.where(self._dry, 0, 255)
+        kinds = messages.PackedElementFieldNumericType
+        fields = [messages.PackedElementField(name=name, offset=0, type=kinds.Float32)]
+        fields += [
+            messages.PackedElementField(name=part, offset=4 + i, type=kinds.Uint8)
+            for i, part in enumerate(("red", "green", "blue", "alpha"))
+        ]
         return messages.Grid(
             timestamp=stamp,
             frame_id=FRAME,
             pose=self._corner,
             column_count=len(self._x),
             cell_size=messages.Vector2(x=self._cell_m, y=self._cell_m),
-            row_stride=4 * len(self._x),
-            cell_stride=4,
-            fields=[messages.PackedElementField(name=name, offset=0, type=kind)],
-            data=data.tobytes(),
+            row_stride=_CELL.itemsize * len(self._x),
+            cell_stride=_CELL.itemsize,
+            fields=fields,
+            data=cells.tobytes(),
         )
 
     def _put_state(self, state: State, at: int, stamp: messages.Timestamp) -> None:

@@ -146,7 +146,10 @@ def test_the_log_holds_maps_positions_lines_and_plans(exported: Path, told: Told
         assert {name for name, _, _ in grids} == {"foxglove.Grid"}
         assert [at for _, at, _ in grids] == pytest.approx([one.utc_s for one in wanted], abs=1e-6)
         for (_, _, grid), one in zip(grids, wanted, strict=True):
-            values = np.frombuffer(grid.data, "<f4").reshape(-1, grid.column_count)
+            cells = np.frombuffer(grid.data, [("value", "<f4"), ("colour", "u1", 4)])
+            values = cells["value"].reshape(-1, grid.column_count)
+            assert (np.isnan(values).ravel() == (cells["colour"][:, 3] == 0)).all()
+            assert [each.name for each in grid.fields] == [topic, "red", "green", "blue", "alpha"]
             x = grid.pose.position.x + (np.arange(values.shape[1]) + 0.5) * grid.cell_size.x
             y = grid.pose.position.y + (np.arange(values.shape[0]) + 0.5) * grid.cell_size.y
             predicted = getattr(one.model.predict_grid(x, y), kind)

@@ -1,7 +1,7 @@
 """What can't be exported is refused with a reason and an exit code, and leaves no file behind."""
 
+import importlib.util
 import random
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -103,7 +103,8 @@ def test_a_missing_library_is_named(
     export: Export,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setitem(sys.modules, library, None)
+    missing = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == library else missing(name))
     code, said = export(recording, option, tmp_path / "a")
     assert code == 2
     assert f"{option} needs {package}: pip install 'halocline[shore]'" in said
