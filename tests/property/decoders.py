@@ -6,6 +6,7 @@ import io
 import json
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ import shapely
 import zstandard
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy import config, frames, jobs, records, structure, wire
+from autonomy import config, digest, frames, jobs, records, structure, wire
 from autonomy.charting import survey_notice
 from autonomy.config import Configuration, ConfigurationError
 from autonomy.core import Core
@@ -267,6 +268,29 @@ def packed(content: bytes) -> bytes:
 
 def unpacked(data: bytes) -> bytes:
     return zstandard.ZstdDecompressor().decompress(data)
+
+
+def digests() -> list[digest.Digest]:
+    """With a map and without."""
+    coarse, mean_sd = digest.charted(model(), FRAME, (33.4, -118.6, 33.6, -118.4))
+    told = digest.Digest(
+        "boat1",
+        1_790_000_000,
+        *(33.5, -118.5),
+        state="exploring",
+        kernel=model().kernel,
+        route_deg=((33.5, -118.5), (33.51, -118.49), (33.52, -118.5)),
+        bounds_deg=(33.4, -118.6, 33.6, -118.4),
+        mean_sd=mean_sd,
+        coarse=coarse,
+    )
+    return [told, digest.Digest("boat1")]
+
+
+def read_digest(data: bytes) -> None:
+    read = digest.decode(data)
+    if read.coarse is not None:
+        read.map(20, 20)
 
 
 def read_snapshot(data: bytes) -> None:
@@ -575,10 +599,17 @@ DECODERS: dict[str, Decoder] = {
     **{f"wire {topic.value}": wire_decoder(topic) for topic in Topic},
     "snapshot": Decoder(
         read_snapshot,
-        lambda: [unpacked(snapshot.encode(model()))],
+        lambda: [unpacked(snapshot.encode(model(), None, precision)) for precision in snapshot.PRECISIONS],
         (snapshot.SnapshotError,),
         CBOR_TOKENS,
         packed,
+    ),
+    "digest": Decoder(
+        read_digest,
+        lambda: [digest.encode(each)[:-4] for each in digests()],
+        (digest.DigestError,),
+        [b"\xff" * 4, bytes(4), b"\x00\x00\xc0\x7f", b"\x01", b"\x80\x80\xff\x14"],
+        lambda content: content + zlib.crc32(content).to_bytes(4, "little"),
     ),
     "checkpoint": Decoder(
         checkpoint.decode,
