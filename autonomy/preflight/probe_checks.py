@@ -71,7 +71,8 @@ def _values(facts: Facts, named: Named) -> list[Finding]:
         said = f"{empty} of {len(values)} readings are without a value (NaN)"
         return [failed(check, said, "look at the probe: is it wet, and its cable whole?"), _quality(facts)]
     low, high, usual = min(sound), max(sound), median(sound)
-    said = f"{low:.6g} to {high:.6g}, usually {usual:.6g} {sensor.units}"
+    unit = "" if sensor.units == "1" else f" {sensor.units}"
+    said = f"{low:.6g} to {high:.6g}, usually {usual:.6g}{unit}"
     outside = sum(not sensor.minimum <= each <= sensor.maximum for each in sound)
     found = []
     if 2 * outside > len(sound):

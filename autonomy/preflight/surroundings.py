@@ -1,5 +1,6 @@
 """What the computer itself can tell: room on the disk, routers that answer."""
 
+import re
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -69,4 +70,6 @@ def _dial(locator: str, shore: ShoreSection) -> str:
 
 
 def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
+    """Without the place in zenoh's own sources."""
+    line = (str(error).splitlines() or [type(error).__name__])[0]
+    return re.sub(r"[.!]? at /\S+:\d+\.?$", "", line)
