@@ -9,6 +9,8 @@ export class ServerError extends Error {
 
 async function ask(path, signal) {
   const answer = await fetch(path, { signal, headers: { Accept: "application/json, application/octet-stream" } });
+  // The token's cookie has run out.
+  if (answer.status === 401) location.assign("/login");
   if (!answer.ok) throw new ServerError(answer.status, (await answer.text()).slice(0, 200));
   return answer;
 }

@@ -97,6 +97,7 @@ class Page {
     if (shown.some((each, index) => this.box.children[index] !== each)) this.box.replaceChildren(...shown);
     this.box.dataset.count = names.length;
     this.list.shown = names;
+    this.live.follow(names);
     document.title = names.length ? `${names.join(", ")} · Halocline` : "Halocline";
     this.tick();
   }

@@ -8,7 +8,7 @@ const FLAGS = ["good", "not evaluated", "suspect", "fail", "missing"];
 const SHOWN_LINES = 60;
 
 function card(title, ...content) {
-  return element("section", { class: "card", "aria-label": title }, element("h3", { class: "card-title" }, title), ...content);
+  return element("div", { class: "card", role: "group", "aria-label": title }, element("h3", { class: "card-title" }, title), ...content);
 }
 
 function pairs(rows) {
@@ -21,14 +21,14 @@ function pairs(rows) {
 const nothing = (text) => element("p", { class: "nothing" }, text);
 
 export class Cards {
-  constructor() {
+  constructor(name) {
     this.vehicle = element("div");
     this.belief = element("div");
     this.trust = element("div");
     this.quality = element("div");
     this.log = element("ol", { class: "log", tabindex: "0", "aria-label": "Log lines, the newest first" });
     this.element = element(
-      "aside", { class: "cards", "aria-label": "Details" },
+      "aside", { class: "cards", "aria-label": `Details of ${name}` },
       card("Vehicle", this.vehicle), card("What it believes", this.belief), card("Can the map be trusted?", this.trust),
       card("Checks of the probe", this.quality),
     );
@@ -78,8 +78,9 @@ export class Cards {
       element("th", { scope: "col" }, "Length"), element("th", { scope: "col" }, "Memory"),
     ));
     const rows = [["Noise of a reading, σₙ", amplitude(model.noise_sd ** 2, units, model.transform)]];
-    if (model.precision) rows.push(["Sent with", model.precision === "lossless" ? "every digit" : model.precision]);
+    if (model.precision) rows.push(["Sent with", sentWith(model)]);
     if (model.software_version) rows.push(["Software", model.software_version]);
+    if (model.configuration_hash) rows.push(["Configuration", String(model.configuration_hash).slice(0, 8)]);
     this.belief.replaceChildren(element("table", { class: "parts" }, head, body), pairs(rows));
     this.trust.replaceChildren(
       judged("Along the track", calibration(model.calibration, "readings"), model.calibration),
@@ -123,6 +124,13 @@ export class Cards {
   }
 }
 
+/** The precision of a snapshot, with the error that it states: shares of the field's standard deviation. */
+function sentWith({ precision, stated_error }) {
+  if (precision === "lossless") return "every digit";
+  const largest = Math.max(...[stated_error ?? []].flat());
+  return largest > 0 ? `${precision}, error ${significant(100 * largest, 2)} % of σ` : precision;
+}
+
 function judged(what, { level, title, text }, figures) {
   const share = figures?.count ? figures.coverage_95 : null;
   const bar = element("div", { class: "held", role: "img", "aria-label": share === null ? "no figure yet" : `${percent(share)} held, 95 % wanted` });
@@ -139,8 +147,8 @@ function judged(what, { level, title, text }, figures) {
 /** The line of figures below a vehicle's name. */
 export function figures({ model, health, survey, plans }) {
   const known = health ?? {};
-  const rho0 = survey?.rho0 ?? known.rho0 ?? null;
-  const capacity = survey?.capacity;
+  const rho0 = survey?.rho0 ?? model?.rho0 ?? known.rho0 ?? null;
+  const capacity = survey?.capacity ?? model?.capacity;
   const basis = model ? model.basis.length : known.basis_size;
   const rho = model?.rho ?? known.rho ?? null;
   return [

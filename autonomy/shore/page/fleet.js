@@ -20,7 +20,7 @@ export class FleetList {
     this.choose = choose;
     this.shown = [];
     this.count = element("span", { class: "fleet-count" });
-    this.filter = element("input", { type: "search", class: "fleet-filter", placeholder: "Find a vehicle", "aria-label": "Find a vehicle", hidden: true });
+    this.filter = element("input", { type: "search", class: "fleet-filter", placeholder: "Find a vehicle", "aria-label": "Find a vehicle", autocomplete: "off", hidden: true });
     this.list = element("ul", { class: "fleet-list" });
     this.filter.addEventListener("input", () => this.draw());
     box.append(element("h2", { class: "fleet-title" }, "Fleet ", this.count), this.filter, this.list);

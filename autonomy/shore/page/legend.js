@@ -37,6 +37,6 @@ export class Legend {
     this.chips.plan.disabled = !live || !plan;
     this.chips.basis.disabled = !live || !model?.basis.length;
     this.chips.track.disabled = !track.length;
-    this.chips.limits.disabled = !["keep_in", "keep_out", "fence"].some((name) => survey?.[name]?.length);
+    this.chips.limits.disabled = !["area", "keep_in", "keep_out", "fence"].some((name) => survey?.[name]?.length);
   }
 }

@@ -2,18 +2,16 @@
 
 const FIRST_RETRY_S = 1;
 const LONGEST_RETRY_S = 15;
-const SILENCE_S = 30; // a line that is open but dead
 
 /** Dispatches "news" (detail: a message), "open", "closed" (detail: seconds until the next try). */
 export class Live extends EventTarget {
   #socket = null;
   #retry = FIRST_RETRY_S;
   #timer = null;
-  #heard = 0;
+  #names = "";
 
   start() {
     this.#dial();
-    setInterval(() => this.#listen(), 1000);
     // A laptop that wakes up, or a phone that finds its network again, needn't wait.
     addEventListener("online", () => this.#again(0));
     document.addEventListener("visibilitychange", () => {
@@ -27,15 +25,14 @@ export class Live extends EventTarget {
 
   #dial() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/api/live`);
+    const socket = new WebSocket(`${scheme}://${location.host}/api/live?vehicles=${this.#names}`);
     this.#socket = socket;
-    this.#heard = Date.now();
     socket.onopen = () => {
       this.#retry = FIRST_RETRY_S;
       this.dispatchEvent(new Event("open"));
     };
     socket.onmessage = (event) => {
-      this.#heard = Date.now();
+      if (socket !== this.#socket) return;
       this.dispatchEvent(new CustomEvent("news", { detail: JSON.parse(event.data) }));
     };
     socket.onclose = () => {
@@ -54,7 +51,14 @@ export class Live extends EventTarget {
     }, 1000 * seconds);
   }
 
-  #listen() {
-    if (this.open && Date.now() - this.#heard > 1000 * SILENCE_S) this.dispatchEvent(new Event("silence"));
+  /** Whose news are wanted from now on: those that are on show. */
+  follow(names) {
+    const wanted = names.join(",");
+    if (wanted === this.#names) return;
+    this.#names = wanted;
+    if (!this.#socket) return;
+    const old = this.#socket;
+    this.#dial();
+    old.close();
   }
 }

@@ -14,7 +14,6 @@ const VESSEL = "#ff4d3d";
 export const FRAME = { left: 20, bottom: 18 };
 
 function trace(pen, view, points, close = false) {
-  pen.beginPath();
   points.forEach(([lat, lon], index) => {
     if (index) pen.lineTo(view.x(lon), view.y(lat));
     else pen.moveTo(view.x(lon), view.y(lat));
@@ -40,33 +39,34 @@ export function drawLand(pen, view, survey) {
   pen.fillStyle = themed("--land");
   pen.strokeStyle = themed("--coast");
   pen.lineWidth = 1;
-  for (const ring of survey.land ?? []) {
-    trace(pen, view, ring, true);
-    pen.fill();
-    pen.stroke();
-  }
+  pen.beginPath();
+  for (const ring of survey.land ?? []) trace(pen, view, ring, true);
+  // A ring within a ring is a lake.
+  pen.fill("evenodd");
+  pen.stroke();
 }
 
 export function drawLimits(pen, view, survey) {
-  for (const ring of survey.keep_in ?? []) {
-    trace(pen, view, ring, true);
-    cased(pen, LIGHT, 1, []);
-  }
-  for (const ring of survey.keep_out ?? []) {
-    trace(pen, view, ring, true);
-    pen.fillStyle = "rgb(6 16 26 / 30%)";
-    pen.fill();
-    cased(pen, FENCE, 1.2, []);
-  }
-  for (const ring of survey.fence ?? []) {
-    trace(pen, view, ring, true);
-    cased(pen, FENCE, 1.4, [7, 5]);
-  }
+  const rings = (name) => {
+    pen.beginPath();
+    for (const ring of survey[name] ?? []) trace(pen, view, ring, true);
+  };
+  rings("area");
+  cased(pen, LIGHT, 1);
+  rings("keep_in");
+  cased(pen, LIGHT, 1, [2, 3]);
+  rings("keep_out");
+  pen.fillStyle = "rgb(6 16 26 / 30%)";
+  pen.fill("evenodd");
+  cased(pen, FENCE, 1.2);
+  rings("fence");
+  cased(pen, FENCE, 1.4, [7, 5]);
 }
 
 /** The sailed way; readings that the checks doubt stand out. Rows are [t, lat, lon, value, flag]. */
 export function drawTrack(pen, view, track) {
   if (!track.length) return;
+  pen.beginPath();
   trace(pen, view, track.map((row) => [row[1], row[2]]));
   cased(pen, LIGHT, 1.1);
   pen.strokeStyle = VESSEL;
@@ -85,6 +85,7 @@ export function drawTrack(pen, view, track) {
 }
 
 export function drawPlan(pen, view, plan) {
+  pen.beginPath();
   trace(pen, view, [plan.start_deg, ...plan.route_deg]);
   cased(pen, PLAN, 1.6, [6, 4]);
   plan.route_deg.forEach(([lat, lon], index) => {

@@ -34,7 +34,7 @@ export class Panel {
     this.timeline = new Timeline(vehicle.name, () => this.#momentChanged());
     this.legend = new Legend(state.layers, () => this.#redraw());
     this.charts = new Charts(vehicle.name);
-    this.cards = new Cards();
+    this.cards = new Cards(vehicle.name);
     this.#build(close);
     this.view.addEventListener("change", () => { this.raster.moved(); this.#fitLegend(); });
     this.raster.addEventListener("change", () => this.probe.refresh());
@@ -133,10 +133,10 @@ export class Panel {
   }
 
   #drawCharts() {
-    const { history, survey, health } = this.vehicle;
+    const { history, survey } = this.vehicle;
     const { series, plans } = history;
-    const rho0 = survey?.rho0 ?? series.rho0 ?? health?.rho0 ?? null;
-    this.charts.update({ series, plans, rho0, capacity: survey?.capacity ?? null, units: this.#described().units }, this.timeline.stamp);
+    const rho0 = survey?.rho0 ?? series.rho0 ?? null;
+    this.charts.update({ series, plans, rho0, capacity: survey?.capacity ?? this.vehicle.model?.capacity ?? null, units: this.#described().units }, this.timeline.stamp);
   }
 
   #momentChanged() {
@@ -178,7 +178,7 @@ export class Panel {
   #notice() {
     const { model, summary } = this.vehicle;
     if (this.raster.whole) return "";
-    if (this.raster.problem && model) return "The map could not be fetched; trying again with the next model.";
+    if (this.raster.problem && model) return "The map could not be fetched; trying again.";
     if (!model) return summary?.alive === false ? "No data yet, and no link." : "No data yet: the first map comes once the probe's readings are learnt.";
     return "Drawing …";
   }

@@ -43,7 +43,7 @@ export class Probe {
     const { lat, lon } = this.place;
     const found = this.state.raster.value(lat, lon);
     this.where.textContent = position(lat, lon);
-    if (found) this.#show(estimate(found.mean, found.sd, this.state.described().units), "map");
+    if (found) this.#show(estimate(found.mean, found.sd, this.state.described().units), "map", found);
     else this.#show(this.state.raster.whole ? "no estimate here" : "no data yet", "none");
     this.#move();
     this.moved();
@@ -65,13 +65,10 @@ export class Probe {
     }
   }
 
-  #show(text, source, exact = null) {
+  /** The numbers behind the text stay with it: for those who script the page, and its tests. */
+  #show(text, source, { mean, sd } = {}) {
     this.value.textContent = text;
-    this.tag.dataset.source = source;
-    for (const name of ["mean", "sd"]) {
-      if (exact) this.tag.dataset[name] = exact[name];
-      else delete this.tag.dataset[name];
-    }
+    Object.assign(this.tag.dataset, { source, ...this.place, mean, sd, moment: this.state.at() });
     this.tag.hidden = false;
   }
 

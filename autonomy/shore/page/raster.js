@@ -5,6 +5,7 @@ import * as api from "./api.js";
 const PIXELS_PER_CELL = 2;
 const MOST_CELLS = 360; // along a side
 const SETTLE_MS = 140;
+const RETRY_MS = 3000;
 const MARGIN = 0.08; // beyond the edge, so that a small pan shows no seam
 
 /** Fetches what a view shows of one vehicle at a time; at most one request is under way, the newest wish wins. */
@@ -53,6 +54,7 @@ export class Raster extends EventTarget {
       if (at === this.at) Object.assign(this, { whole, part, shown: at, problem: null });
     } catch (error) {
       this.problem = error;
+      this.#wish(RETRY_MS);
     }
     this.#flying = null;
     this.dispatchEvent(new Event("change"));

@@ -70,7 +70,7 @@ export class Charts {
       const plot = element("div", { class: "chart-plot" });
       return { now, plot, element: element("figure", { class: "chart" }, element("figcaption", { class: "chart-title" }, title, now), plot) };
     });
-    this.element = element("section", { class: "charts", "aria-label": "Over time" }, ...this.boxes.map((box) => box.element));
+    this.element = element("section", { class: "charts", "aria-label": `${name} over time` }, ...this.boxes.map((box) => box.element));
     new ResizeObserver(() => this.#fit()).observe(this.element);
   }
 

@@ -86,6 +86,7 @@ export class Timeline {
     this.slider.disabled = this.play.disabled = this.#stops.length < 2;
     this.time.textContent = shown === undefined ? "no map yet" : `${utc(shown)} UTC`;
     const behind = this.#stamp === null ? null : `${duration(newest - this.#stamp)} before the newest`;
+    this.element.classList.toggle("past", behind !== null);
     this.note.textContent = behind ?? (this.#stops.length ? `newest of ${this.#stops.length} maps` : "");
     this.slider.setAttribute("aria-valuetext", behind ? `${this.time.textContent}, ${behind}` : "live");
     this.live.setAttribute("aria-pressed", String(this.#stamp === null));

@@ -4,6 +4,7 @@ import * as api from "./api.js";
 
 const TRACK_ROWS = 4000;
 const LOG_LINES = 200;
+const SERIES_ROWS = 3000; // then the server is asked for its thinner ones
 
 /** One vehicle. Dispatches "change"; `detail` is what has changed: "all", "model", "plan", "health", … */
 export class Vehicle extends EventTarget {
@@ -69,13 +70,13 @@ export class Vehicle extends EventTarget {
     if (!(model.stamp_s > (models.at(-1) ?? -Infinity))) return;
     models.push(model.stamp_s);
     series.utc_s.push(model.stamp_s);
-    series.model_time_s?.push(model.model_time_s);
+    series.model_time_s.push(model.model_time_s);
     series.rho.push(model.rho);
     series.basis_size.push(model.basis.length);
     series.lengthscales_m.push(model.kernel.flatMap((each) => each.lengthscales_m));
     series.noise_sd.push(model.noise_sd);
     series.samples.push(model.samples);
-    if (first) this.load().catch(() => {});
+    if (first || series.utc_s.length > SERIES_ROWS) this.load().catch(() => {});
   }
 
   #takePlan(plan) {
