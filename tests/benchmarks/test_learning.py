@@ -13,7 +13,7 @@ from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
 from autonomy.learning.likelihood import Readings
 from autonomy.learning.rebuild import reestimate
-from autonomy.learning.snapshot import decode, encode
+from autonomy.learning.snapshot import PRECISIONS, decode, encode
 from autonomy.learning.sparse_gp import SparseOnlineGP
 from autonomy.learning.structures import STRUCTURES, Scales
 
@@ -99,20 +99,36 @@ def test_a_whole_reestimate(report, seconds):
     report("re-estimate", spent, "Cholesky of all cells, densely", factorised, note)
 
 
-def test_snapshots(report, seconds):
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_snapshots(report, seconds, precision):
     model = full_model().model()
-    data, pickled = encode(model), pickle.dumps(model)
-    note = f"{len(data)} bytes; pickle {len(pickled)}"
+    data, pickled = encode(model, None, precision), pickle.dumps(model)
     report(
-        "encode a snapshot, m = 100",
-        seconds(lambda: encode(model), 7, 20),
+        f"encode a snapshot, {precision}, m = 100",
+        seconds(lambda: encode(model, None, precision), 7, 20),
         "pickle",
         seconds(lambda: pickle.dumps(model), 7, 20),
-        note,
+        f"{len(data)} bytes; pickle {len(pickled)}",
     )
+    K = np.asfortranarray(H.kernel.covariance(model.basis, model.basis) + 0.01 * np.eye(M))
     report(
-        "decode a snapshot, m = 100",
+        f"decode a snapshot, {precision}, m = 100",
         seconds(lambda: decode(data), 7, 20),
-        "unpickle",
-        seconds(lambda: pickle.loads(pickled), 7, 20),
+        "Cholesky",
+        seconds(lambda: dpotrf(K, lower=1), 50),
     )
+
+
+@pytest.mark.parametrize("inducing", [100, 300])
+def test_thin_snapshots(report, seconds, inducing):
+    kernel = STRUCTURES["static_moving"].median(Scales(SPAN_M, 1.0, 3600.0))
+    gp, rng = SparseOnlineGP(kernel, 200, 1e-6), np.random.default_rng(0)
+    for point in rng.uniform(0, SPAN_M, (400, 2)):
+        gp.advance(5.0)
+        gp.update(point, rng.normal())
+    model = gp.model()
+    data = encode(model, None, "8 bit", inducing)
+    spent = seconds(lambda: encode(model, None, "8 bit", inducing), 5)
+    whole = seconds(lambda: encode(model, None, "8 bit"), 5)
+    note = f"{len(data)} bytes, {len(decode(data))} places"
+    report(f"three components, 200 vectors, at most {inducing}", spent, "group by group", whole, note)
