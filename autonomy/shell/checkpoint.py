@@ -38,9 +38,15 @@ SCHEMA = 1
 """To be raised when what the core remembers changes its meaning but not the names of its attributes."""
 
 MAXIMUM_BYTES = 2**28
+FITTING_SHAPES = ("ground", "obstacles", "navigable")
+"""The parts of a survey area that a checkpoint depends on."""
+
 _DIGEST_BYTES = 32
 _MAXIMUM_DEPTH = 400
 _FILES = ("even.checkpoint", "odd.checkpoint")
+TRIALS_FILES = ("trials.json", "mark")
+"""Beside the checkpoints: see `autonomy.shell.trials`."""
+
 _KEPT_ASIDE = 8
 _LEAST_RESERVE_BYTES = 2**20
 
@@ -75,12 +81,19 @@ class Checkpoint:
 def fits(configuration: Configuration, survey: SurveyArea) -> dict[str, str]:
     """Digests of all that must be the same for a checkpoint to be taken up; other keys may change meanwhile."""
     frame = survey.frame
-    shapes = b"".join(shapely.to_wkb(shape) for shape in (survey.ground, survey.obstacles, survey.navigable))
-    origin = f"{frame.origin_lat_deg!r} {frame.origin_lon_deg!r}"
+    shapes = {name: shapely.to_wkb(getattr(survey, name)) for name in FITTING_SHAPES}
+    return digests(configuration, shapes, frame.origin_lat_deg, frame.origin_lon_deg)
+
+
+def digests(
+    configuration: Configuration, shapes: Mapping[str, bytes], origin_lat_deg: float, origin_lon_deg: float
+) -> dict[str, str]:
+    """The same of a survey area whose shapes are at hand as WKB in local metres, by name."""
+    origin = f"{origin_lat_deg!r} {origin_lon_deg!r}"
     parts = {
         "software": f"schema {SCHEMA}".encode(),
         "vehicle.name": configuration.vehicle.name.encode(),
-        "survey": shapes + origin.encode(),
+        "survey": b"".join(shapes[name] for name in FITTING_SHAPES) + origin.encode(),
         "sensor": configuration.sensor.model_dump_json().encode(),
         "model": configuration.model.model_dump_json().encode(),
     }
@@ -179,10 +192,12 @@ class Store:
         self._lock.close()
 
     def begin_anew(self) -> None:
-        """Put aside what there is."""
+        """Put aside what there is, and forget what went wrong with it."""
         for name in _FILES:
             if (self.folder / name).exists():
                 self._put_aside(name, "earlier")
+        for name in TRIALS_FILES:
+            (self.folder / name).unlink(missing_ok=True)
 
     def load(self, wanted: Mapping[str, str]) -> list[Checkpoint]:
         """The sound checkpoints that fit, newest first; the others are put aside, and said to be."""

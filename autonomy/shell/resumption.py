@@ -1,13 +1,15 @@
 """Going on where an earlier run ended: newest sound checkpoint, the journal's records since, and whatever went wrong.
 
 A record that has crashed the core is tried no second time: it is quarantined, and said to be. If the core crashes
-again and again all the same, what it knows is to blame: then the older checkpoint is taken, and in the end none.
+again and again all the same, or does not get as far as to handle a few records, what it knows is to blame: then the
+older checkpoint is gone on from, then the journal alone, and in the end nothing.
 """
 
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from autonomy.config import CheckpointSection, Configuration
@@ -17,14 +19,21 @@ from autonomy.planning.survey import SurveyArea
 from autonomy.records import Resumed
 from autonomy.shell.checkpoint import Checkpoint, Keeper, Store, fits
 from autonomy.shell.journal import Journal
+from autonomy.shell.journal_alone import Beginning, beginning
 from autonomy.shell.journal_files import JournalError, Position, Recorded, read_from
 from autonomy.shell.state_directory import state_directory
-from autonomy.shell.trials import Trials
+from autonomy.shell.trials import JOURNAL, PROVED_BY, Trials
 
 log = logging.getLogger(__name__)
 
 CRASHES_PER_CHECKPOINT = 3
-"""So many crashes in a row, none of them after `HEALTHY_S`, and the next older checkpoint is taken."""
+"""So many crashes in a row, none of them after `HEALTHY_S`, and what was gone on from is given up."""
+
+FAILURES_PER_CHECKPOINT = 3
+"""The same of runs that have come to nothing: they ended before they had handled a few records."""
+
+POISONED_RECORDS = 3
+"""So many records, none of which the core survives as the first that it is told, and they are not to blame."""
 
 HEALTHY_S = 60.0
 REPLAY_S = 30.0
@@ -67,6 +76,10 @@ class _PoisonError(Exception):
         self.at = at
 
 
+class _SpoiltError(Exception):
+    """What was gone on from is of no use; says why."""
+
+
 class Continuity:
     """Makes the core of a run, and keeps what it knows for the next one.
 
@@ -93,6 +106,8 @@ class Continuity:
         self._folder = journal_folder
         self._trials = Trials(store.folder, store.write)
         self._left_out: list[Position] = []
+        self._doubtful: list[Position] = []
+        self._handled = 0
         self._keeper: Keeper | None = None
         self._number = 0
         self._unmade = ""
@@ -137,6 +152,9 @@ class Continuity:
                 journal.resumed(present.now, away_s)
             self.core.resume(present.now, away_s)
             log.info("resumed after %.1f s", away_s)
+        if journal is None:
+            # Then nobody tells which records are handled.
+            self._trials.proved()
         # While the core keeps crashing the checkpoints from before it did are not replaced.
         if self._last is None or (self._slow and not self._trials.crashes):
             self.keep(journal)
@@ -172,6 +190,8 @@ class Continuity:
     def handling(self, at: Position | None) -> None:
         """The core is about to be told the record just before `at`; None: it has been."""
         self._trials.mark.set(at)
+        if at is None:
+            self._count_handled()
 
     def crashed(self, journal: Journal | None) -> None:
         """The core has raised on the record just written: it is not tried again."""
@@ -188,71 +208,142 @@ class Continuity:
     def _awaken(self) -> Core:
         checkpoints = self._store.load(self._wanted)
         self._number = max((each.number for each in checkpoints), default=0)
-        spoilt = self._trials.crashes // CRASHES_PER_CHECKPOINT
+        spoilt = self._trials.source == JOURNAL
         for i, checkpoint in enumerate(checkpoints):
-            if i < spoilt:
-                self._store.reject(
-                    checkpoint, f"the service has crashed {self._trials.crashes} times in a row"
-                )
-                continue
             try:
-                core = self._taken_up(checkpoint)
+                core = self._gone_on(f"checkpoint {checkpoint.number}", partial(self._restored, checkpoint))
             except UnfitMemoryError as error:
                 self._store.reject(checkpoint, f"it does not fit this software: {error}")
+                continue
+            except _SpoiltError as error:
+                self._store.reject(checkpoint, str(error))
+                self._trials.gave_up()
+                spoilt = True
                 continue
             if i:
                 log.error("went on from the older of two checkpoints")
             return core
-        if spoilt:
-            # A new beginning deserves as many trials as the last one had.
-            self._trials.went_well()
+        taught = self._from_journal() if spoilt else None
+        return self._anew() if taught is None else taught
+
+    def _from_journal(self) -> Core | None:
+        """A new core, told what the journal has; None if that is nothing, or has been tried in vain."""
+        if self._folder is None or not self._folder.is_dir():
+            return None
+        if self._trials.journal_tried and self._trials.source != JOURNAL:
+            log.error("the journal alone is not gone on from again: what it led to was of no use either")
+            return None
+        start = beginning(self._folder, self._wanted)
+        if start is None:
+            log.error("the journal has no run that fits: it is not gone on from")
+            return None
+        try:
+            core = self._gone_on(JOURNAL, partial(self._untaught, start))
+        except _SpoiltError as error:
+            log.error("%s is not gone on from; it is kept: %s", JOURNAL, error)
+            return None
+        log.error("went on from %s: what was learnt before it begins is lost", JOURNAL)
+        return core
+
+    def _anew(self) -> Core:
+        self._trials.began_anew()
+        self._trials.proved()
+        self._position = self._last = None
+        self._left_out.clear()
         log.info("no earlier run is gone on from: nothing is known yet")
         return self._make_core()
 
-    def _taken_up(self, checkpoint: Checkpoint) -> Core:
-        """The core of a checkpoint after all records since; what crashes it is quarantined on the way."""
+    def _gone_on(self, source: str, make: Callable[[], Core]) -> Core:
+        """The core that `make` makes, after all records since; what crashes it is quarantined on the way.
+
+        Raises:
+            _SpoiltError: it is not this or that record which crashes it, now or in the last runs.
+            UnfitMemoryError: from `make`.
+        """
+        trials = self._trials
+        if trials.crashes >= CRASHES_PER_CHECKPOINT:
+            raise _SpoiltError(f"the service has crashed {trials.crashes} times in a row")
+        if trials.source == source and trials.failures >= FAILURES_PER_CHECKPOINT:
+            raise _SpoiltError(f"going on from it has come to nothing {trials.failures} times in a row")
+        trials.going_on(source)
         for _ in range(_QUARANTINES_PER_START):
-            core = self._restored(checkpoint)
+            core = self._made(make)
             try:
-                self._replay(core, checkpoint)
+                self._replay(core)
             except _PoisonError as poison:
-                log.error(
-                    "record %d of run %d crashes the core and is left out from now on: %s",
-                    poison.at.sequence,
-                    poison.at.run,
-                    poison,
-                )
-                self._trials.quarantine(poison.at)
+                self._doubt(poison)
             else:
+                self._quarantine_doubtful()
                 return core
         log.error("too many records crash the core: all since the checkpoint are left out")
-        return self._restored(checkpoint)
+        return self._made(make)
+
+    def _made(self, make: Callable[[], Core]) -> Core:
+        try:
+            return make()
+        except UnfitMemoryError:
+            raise
+        except Exception as error:
+            raise _SpoiltError(f"it crashes the core: {type(error).__name__}: {error}") from error
+
+    def _doubt(self, poison: _PoisonError) -> None:
+        """A record has crashed the core: it is to blame, unless the core survives no record at all."""
+        log.error(
+            "record %d of run %d crashes the core and is left out from now on: %s", *_place(poison.at), poison
+        )
+        self._doubtful.append(poison.at)
+        if self._handled:
+            self._quarantine_doubtful()
+        elif len(self._doubtful) >= POISONED_RECORDS:
+            count = len(self._doubtful)
+            self._doubtful.clear()
+            raise _SpoiltError(
+                f"the next {count} records crash the core each, and are not to blame: {poison}"
+            )
+
+    def _quarantine_doubtful(self) -> None:
+        for at in self._doubtful:
+            self._trials.quarantine(at)
+        self._doubtful.clear()
 
     def _restored(self, checkpoint: Checkpoint) -> Core:
         core = self._make_core()
         core.restore(checkpoint.memory)
-        self._position = checkpoint.position
-        self._left_out.clear()
-        self._last = Moment(checkpoint.now, checkpoint.utc_s, checkpoint.boot)
+        self._from(checkpoint.position, Moment(checkpoint.now, checkpoint.utc_s, checkpoint.boot))
         return core
 
-    def _replay(self, core: Core, checkpoint: Checkpoint) -> None:
-        """Tell the core what happened since the checkpoint; what it asks for was done, or is too late."""
-        if self._folder is None or checkpoint.position is None or not self._folder.is_dir():
+    def _untaught(self, start: Beginning) -> Core:
+        self._from(start.position, Moment(start.now, start.utc_s, ""))
+        return self._make_core()
+
+    def _from(self, position: Position | None, last: Moment) -> None:
+        self._position, self._last = position, last
+        self._left_out.clear()
+        self._handled = 0
+
+    def _count_handled(self) -> None:
+        self._handled += 1
+        if self._handled == PROVED_BY:
+            self._trials.proved()
+
+    def _replay(self, core: Core) -> None:
+        """Tell the core what happened since; what it asks for was done, or is too late."""
+        if self._folder is None or self._position is None or not self._folder.is_dir():
             return
         began, count = time.monotonic(), 0
         try:
-            for recorded in read_from(self._folder, checkpoint.position):
+            for recorded in read_from(self._folder, self._position):
                 if time.monotonic() - began > REPLAY_S:
                     log.error("%d records were replayed; the rest would take too long and is left out", count)
                     break
                 self._position = recorded.position
-                if recorded.position in self._trials.quarantined:
+                if recorded.position in self._doubtful or recorded.position in self._trials.quarantined:
                     log.error("record %d of run %d is quarantined", *_place(recorded.position))
                     self._left_out.append(recorded.position)
                     continue
                 self._tell(core, recorded.position, recorded.now, recorded.event)
                 count += 1
+                self._count_handled()
                 self._follow(recorded)
         except (JournalError, OSError) as error:
             log.error("the journal can't be replayed any further: %s", error)

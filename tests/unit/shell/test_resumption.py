@@ -18,8 +18,10 @@ from autonomy.replay import CoreRaisedError, replay
 from autonomy.shell import checkpoint as files
 from autonomy.shell.checkpoint import Checkpoint, CheckpointError, Store, decode, encode, fits
 from autonomy.shell.journal import Journal, make_header
+from autonomy.shell.journal_alone import Beginning, beginning
 from autonomy.shell.journal_files import Position
-from autonomy.shell.resumption import CRASHES_PER_CHECKPOINT, Continuity, Moment
+from autonomy.shell.resumption import CRASHES_PER_CHECKPOINT, FAILURES_PER_CHECKPOINT, Continuity, Moment
+from autonomy.shell.trials import PROVED_BY
 
 SETTINGS: dict[str, Any] = {
     "survey": {"area": [(33.4, -118.6), (33.4, -118.4), (33.6, -118.4), (33.6, -118.6)]}
@@ -31,6 +33,11 @@ WANTED = fits(CONFIGURATION, SURVEY)
 
 BREAKS_OVER: list[str] = []
 ENDS_OVER: list[str] = []
+ROTTEN: list[str] = []
+"""What a core must not know: then it breaks over whatever it is told."""
+
+ENDS_WITH: list[str] = []
+"""What a core must not remember: then the process ends when it is restored."""
 
 
 class EndError(BaseException):
@@ -40,9 +47,16 @@ class EndError(BaseException):
 @pytest.fixture(autouse=True)
 def breakable(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Cores that remember why links were lost, among what they have explained, and break over some reasons."""
-    sound = Core.handle
+    sound, sound_restore = Core.handle, Core.restore
+
+    def restore(core: Core, memory: Any) -> None:
+        sound_restore(core, memory)
+        if not core._explained.isdisjoint(ENDS_WITH):
+            raise EndError
 
     def handle(core: Core, now: float, event: Event) -> list[Effect]:
+        if not core._explained.isdisjoint(ROTTEN):
+            raise ZeroDivisionError("a bug")
         if isinstance(event, LinkDown):
             core._explained.add(event.reason)
             if event.reason in BREAKS_OVER:
@@ -52,9 +66,10 @@ def breakable(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         return sound(core, now, event)
 
     monkeypatch.setattr(Core, "handle", handle)
+    monkeypatch.setattr(Core, "restore", restore)
     yield
-    BREAKS_OVER.clear()
-    ENDS_OVER.clear()
+    for each in (BREAKS_OVER, ENDS_OVER, ROTTEN, ENDS_WITH):
+        each.clear()
 
 
 def new() -> Core:
@@ -258,21 +273,135 @@ def test_a_quarantined_record_is_left_out_of_the_replay_too(run: Callable[..., R
 def test_what_crashes_again_and_again_is_given_up(
     run: Callable[..., Run], caplog: pytest.LogCaptureFixture, tmp_path: Path
 ) -> None:
+    """Newest checkpoint, older checkpoint, the journal alone, nothing: each has its trials."""
     first = run()
     first.hears(LinkDown("one"))
     first.ends(keep=True)
     BREAKS_OVER.append("poison")
-    known = []
-    for _ in range(2 * CRASHES_PER_CHECKPOINT + 1):
+    known, aside = [], []
+    for _ in range(3 * CRASHES_PER_CHECKPOINT + 1):
         again = run()
         known.append(again.lost == {"one"})
+        aside.append(len(list((tmp_path / "kept").glob("*.aside"))))
         with pytest.raises(ZeroDivisionError):
             again.hears(LinkDown("poison"))
         again.ends()
-    assert known[:CRASHES_PER_CHECKPOINT] == [True] * CRASHES_PER_CHECKPOINT
-    assert not known[-1]
-    assert "times in a row" in caplog.text
-    assert list((tmp_path / "kept").glob("*.aside"))
+    assert known == [True] * 3 * CRASHES_PER_CHECKPOINT + [False]
+    assert aside == [0, 0, 0, 1, 1, 1, 2, 2, 2, 2]
+    assert caplog.text.count("is not used: the service has crashed 3 times in a row") == 2
+    assert "went on from the journal alone" in caplog.text
+    assert "the journal alone is not gone on from; it is kept: the service has crashed 3 times" in caplog.text
+    assert len(list((tmp_path / "journal").glob("*.journal"))) == 11
+
+
+def test_a_memory_that_survives_no_record_is_to_blame_not_the_records(
+    run: Callable[..., Run], caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    first = run()
+    first.hears(LinkDown("one"))
+    first.core._explained.add("rotten")
+    first.continuity.keep(first.journal)
+    for reason in ("two", "three", "four", "five"):
+        first.hears(LinkDown(reason))
+    first.ends()
+    ROTTEN.append("rotten")
+    again = run()
+    assert again.lost == {"one", "two", "three", "four", "five"}, "of the older checkpoint and the journal"
+    assert "odd.checkpoint" in caplog.text or "even.checkpoint" in caplog.text
+    assert "is not used: the next 3 records crash the core each, and are not to blame" in caplog.text
+    assert again.continuity.left_out == ()
+    assert len(list((tmp_path / "kept").glob("*.aside"))) == 1
+    again.hears(LinkDown("six"))
+    again.ends()
+
+
+def test_a_memory_that_ends_the_process_is_given_up_after_three_runs(
+    run: Callable[..., Run], caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    """Hung until it is killed, or killed for want of memory: nobody is left to say so, but the mark."""
+    first = run()
+    first.core._explained.add("rotten")
+    first.continuity.keep(first.journal)
+    first.hears(LinkDown("one"))
+    first.ends()
+    ENDS_WITH.append("rotten")
+    for _ in range(FAILURES_PER_CHECKPOINT):
+        with pytest.raises(EndError):
+            run()
+    again = run()
+    assert again.lost == {"one"}
+    assert "going on from it has come to nothing 3 times in a row" in caplog.text
+    again.ends()
+
+
+def test_a_run_that_handles_records_has_come_to_something(run: Callable[..., Run]) -> None:
+    """However often it is killed thereafter: what it has gone on from is not to blame."""
+    first = run()
+    first.hears(LinkDown("one"))
+    first.ends(keep=True)
+    for _ in range(2 * FAILURES_PER_CHECKPOINT):
+        again = run()
+        assert again.lost == {"one"}
+        for _ in range(PROVED_BY):
+            again.hears(DeadlineReached())
+        again.ends()
+    assert again.continuity._trials.failures == 0
+
+
+def test_without_a_journal_beginning_is_enough(run: Callable[..., Run]) -> None:
+    first = run(recorded=False)
+    first.core._explained.add("one")
+    first.ends(keep=True)
+    for _ in range(2 * FAILURES_PER_CHECKPOINT):
+        again = run(recorded=False)
+        assert again.lost == {"one"}
+        again.ends()
+
+
+def test_the_journal_alone_is_gone_on_from_again_until_there_is_a_checkpoint(
+    run: Callable[..., Run], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = run()
+    first.hears(LinkDown("one"))
+    first.core._explained.add("rotten")
+    first.ends(keep=True)
+    (tmp_path / "kept" / "odd.checkpoint").unlink()
+    ENDS_WITH.append("rotten")
+    for _ in range(FAILURES_PER_CHECKPOINT):
+        with pytest.raises(EndError):
+            run()
+    for _ in range(2):
+        again = run()
+        assert again.lost == {"one"}
+        for _ in range(PROVED_BY):
+            again.hears(DeadlineReached())
+        again.ends()
+    assert caplog.text.count("went on from the journal alone") == 2
+    again = run()
+    again.ends(keep=True)
+    caplog.clear()
+    again = run()
+    assert again.lost == {"one"}
+    assert "journal alone" not in caplog.text
+    again.ends()
+
+
+def test_a_journal_of_another_survey_is_not_gone_on_from(tmp_path: Path) -> None:
+    header = make_header(CONFIGURATION, SURVEY, now=5.0, utc_s=7.0)
+    journal = Journal.open(tmp_path, JournalSection(), header)
+    journal.event(6.0, LinkUp())
+    journal.close()
+    assert beginning(tmp_path, WANTED) == Beginning(Position(1, 0), 5.0, 7.0)
+    other = Configuration.model_validate(SETTINGS | {"sensor": {"message_name": "TEMP"}})
+    assert beginning(tmp_path, fits(other, SURVEY)) is None
+    # Of three runs, the last that began with nothing and the one that went on from it.
+    for resumed in (None, Position(2, 1)):
+        header = make_header(CONFIGURATION, SURVEY, now=8.0, utc_s=9.0, resumed=resumed)
+        journal = Journal.open(tmp_path, JournalSection(), header)
+        journal.event(9.0, LinkUp())
+        journal.close()
+    assert beginning(tmp_path, WANTED) == Beginning(Position(2, 0), 8.0, 9.0)
+    assert beginning(tmp_path / "none", WANTED) is None
 
 
 @pytest.mark.parametrize(
