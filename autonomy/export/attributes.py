@@ -77,7 +77,7 @@ def global_attributes(
         "Conventions": CONVENTIONS,
         "title": f"{words}: {kind} of {name}",
         "summary": summary,
-        "keywords": f"{variable}, uncrewed surface vehicle, {kind}, Gaussian process",
+        "keywords": f"{variable}, uncrewed surface vehicle, {kind}",
         "id": f"{about.vehicle}_{kind}_{_compact(extent.start_s)}_{_compact(extent.end_s)}",
         "standard_name_vocabulary": VOCABULARY,
         "source": f"uncrewed surface vehicle {about.vehicle}, halocline {about.software_version}",
@@ -110,12 +110,11 @@ def global_attributes(
 
 
 def duration(seconds: float) -> str:
-    """ISO 8601: PT1H30M5S."""
-    whole = round(seconds)
-    hours, minutes = divmod(whole // 60, 60)
+    """ISO 8601, to the millisecond: PT1H30M5S, PT1.5S."""
+    minutes, milliseconds = divmod(round(1e3 * seconds), 60_000)
+    hours, minutes = divmod(minutes, 60)
     text = (f"{hours}H" if hours else "") + (f"{minutes}M" if minutes else "")
-    rest = whole % 60
-    return f"PT{text}{rest}S" if rest or not text else f"PT{text}"
+    return f"PT{text}{milliseconds / 1e3:g}S" if milliseconds or not text else f"PT{text}"
 
 
 def resolution(times_s: Sequence[float]) -> str:

@@ -31,7 +31,7 @@ def name_of(variable: str) -> str:
 
 def measured(variable: str, units: str, suffix: str = "") -> dict[str, Value]:
     """Attributes of what was measured: standard name, if it can be one, long name and units."""
-    words = variable.replace("_", " ") + (f" {suffix}" if suffix else "")
+    words = f"{variable} {suffix}".replace("_", " ").strip()
     described: dict[str, Value] = {"long_name": words, "units": units}
     if _NAME.fullmatch(variable):
         described["standard_name"] = f"{variable} {suffix}" if suffix else variable

@@ -26,6 +26,7 @@ from autonomy.export.netcdf import (
 )
 from autonomy.export.values import DatedModel, Subject
 from autonomy.learning.description import describe
+from autonomy.learning.kernel import Kernel
 
 _KERNEL_LETTERS = 120
 
@@ -33,6 +34,18 @@ _SERIES: Mapping[str, tuple[str, dict[str, Value]]] = {
     "samples": ("i4", {"long_name": "readings learnt", "units": "1"}),
     "basis_size": ("i4", {"long_name": "basis vectors of the model", "units": "1"}),
     "rho": ("f8", {"long_name": "share of basis vectors added since the last re-estimate", "units": "1"}),
+    "stated_error_of_mean": (
+        "f8",
+        {
+            "long_name": "most by which the mean may differ from the vehicle's own, for what the link took off it, "
+            "over the standard deviation of the field",
+            "units": "1",
+        },
+    ),
+    "stated_error_of_standard_error": (
+        "f8",
+        {"long_name": "the same of the standard error", "units": "1"},
+    ),
     "prior_mean": (
         "f8",
         {"long_name": "mean of the field far from all readings, in the model's latent units"},
@@ -77,6 +90,7 @@ class _Writer:
     ) -> None:
         self._dataset, self._subject, self._grid, self._about = dataset, subject, grid, about
         self.times_s: list[float] = []
+        self._precisions: set[str] = set()
         _, components = archive.model_count()
         sizes = {"time": None, "lat": len(grid.lat_deg), "lon": len(grid.lon_deg), "component": components}
         for name, size in sizes.items():
@@ -128,16 +142,19 @@ class _Writer:
         snapshot, model = dated.snapshot, dated.snapshot.model
         self.times_s.append(dated.utc_s)
         self._last = dated
+        self._precisions.add(snapshot.precision)
         prediction = model.predict(self._grid.points_m)
         self._time[row] = dated.utc_s
         self._mean[row] = self._grid.spread(prediction.mean)
         self._error[row] = self._grid.spread(np.sqrt(np.maximum(prediction.variance, 0.0)))
         kernel = model.kernel
-        self._series["samples"][row] = snapshot.samples
-        self._series["basis_size"][row] = len(model)
-        self._series["rho"][row] = snapshot.rho
-        self._series["prior_mean"][row] = model.prior_mean
-        self._series["noise_standard_deviation"][row] = math.sqrt(kernel.noise_variance)
+        figures: tuple[float, ...] = (snapshot.samples, len(model), snapshot.rho, *snapshot.stated_error)
+        figures += (model.prior_mean, math.sqrt(kernel.noise_variance))
+        for variable, figure in zip(self._series.values(), figures, strict=True):
+            variable[row] = figure
+        self._put_kernel(row, kernel)
+
+    def _put_kernel(self, row: int, kernel: Kernel) -> None:
         figures = np.full((len(self._components), self._dataset.dimensions["component"].size), FILL_DOUBLE)
         for i, component in enumerate(kernel.components):
             scale_s = component.time.timescale_s
@@ -188,7 +205,7 @@ class _Writer:
             "grid_resolution_m": grid.resolution_m,
             "land": outside,
             "latent_transform": snapshot.model.transform.name,
-            "precision": snapshot.precision,
+            "precision": ", ".join(sorted(self._precisions)),
         }
         attributes = global_attributes(about, "nowcast", summary, self._subject.variable, extent, more)
         self._dataset.setncatts(attributes)
