@@ -84,11 +84,12 @@ def run(arguments: argparse.Namespace) -> int:
         values |= _answers(vars(arguments), file.absolute().parent)
     except (ValueError, EOFError, KeyboardInterrupt) as error:
         return _failed(str(error) or "nothing is written", EXIT_USAGE)
-    part = file.with_name(f".{file.name}.part")
+    part, text = file.with_name(f".{file.name}.part"), starter_text(file.name, values)
     try:
-        part.write_text(starter_text(file.name, values), encoding="utf-8")
+        part.write_text(text, encoding="utf-8")
         loaded, survey = load_with_survey(str(part), [])
-        os.link(part, file)  # which, unlike a rename, never writes over a file that has come meanwhile
+        with file.open("x", encoding="utf-8") as new:  # never over a file that has come meanwhile
+            new.write(text)
     except ConfigurationError as error:
         sys.stderr.write(f"{error}\n".replace(str(part), str(file)))
         return EXIT_CONFIGURATION

@@ -96,6 +96,7 @@ class Pier:
         configuration: as the service would read it.
         autopilot: of the boat; None: nobody is there.
         spoil: every message on its way from the vehicle; None is lost.
+        garble: every packet from the vehicle, as it arrives.
         their_key, our_key: signing, if there is any.
         seconds: of listening.
     """
@@ -103,6 +104,7 @@ class Pier:
     configuration: Configuration
     autopilot: Autopilot | None = field(default_factory=autopilot)
     spoil: Callable[[Any], Any | None] = lambda message: message
+    garble: Callable[[bytes], bytes] = lambda packet: packet
     their_key: Signing | None = None
     our_key: Signing | None = None
     seconds: float = 15.0
@@ -147,7 +149,7 @@ class Pier:
                 for client, data in packets:
                     if client == "preflight":
                         brought += len(data)
-                        spoilt = map(self.spoil, codec.decode(data))
+                        spoilt = map(self.spoil, codec.decode(self.garble(data)))
                         out += [each for message in spoilt if message for each in talk.handle(now, message)]
                 self.said += out
                 if talk.state is not None:

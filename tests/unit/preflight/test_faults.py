@@ -78,6 +78,12 @@ def with_a_neighbour() -> Callable[[Any], Any]:
     return spoil
 
 
+def noisy() -> Callable[[bytes], bytes]:
+    """A cable on which a byte of every tenth packet is wrong."""
+    turns = itertools.cycle(range(10))
+    return lambda packet: packet if next(turns) else packet[:-1] + bytes([packet[-1] ^ 0x10])
+
+
 def key(letter: str) -> Signing:
     return Signing(SigningKey(letter.encode() * 32), lambda: UTC_S)
 
@@ -132,6 +138,8 @@ FAULTS = [
           config={"mavlink__endpoint": "udpin:0.0.0.0:14551"}),
     Fault("only a ground station's messages", "link.vehicle", FAIL, "no heartbeat of an", "pass the autopilot",
           pier={"spoil": losing("HEARTBEAT")}),
+    Fault("noise on the cable", "link.noise", WARN, r"damaged packets beside \d+ sound", "baud rate",
+          pier={"garble": noisy()}),
     Fault("PX4", "autopilot.firmware", FAIL, "unsupported autopilot PX4", "install ArduPilot Rover",
           pier={"spoil": saying("HEARTBEAT", autopilot=mavlink.MAV_AUTOPILOT_PX4)}),
     Fault("old firmware", "autopilot.firmware", WARN, "Rover 3.5.2", "update",
@@ -151,6 +159,8 @@ FAULTS = [
         "HEARTBEAT", base_mode=lambda bits: bits | mavlink.MAV_MODE_FLAG_SAFETY_ARMED)}),
     Fault("home left elsewhere", "autopilot.home", FAIL, "from the survey area", "set home where",
           boat={"home": Position(34.5, -118.5)}, also=("energy.budget",)),
+    Fault("home unknown", "autopilot.home", WARN, "RTL would have nowhere to go", "set home",
+          pier={"spoil": losing("HOME_POSITION")}),
     Fault("home on land", "autopilot.home", WARN, "on land", "set home on the water",
           boat={"home": Position(33.5, -118.5)}),
     Fault("an old mission", "autopilot.mission", WARN, "a mission of 3 items is on board", "clear the mission",
@@ -249,6 +259,11 @@ def test_with_nothing_wrong_nothing_is_found(desk: Path) -> None:
     assert wrong(found) == {}
     assert len(found) >= 20
     assert not [each for each in found if each.grade is Grade.SKIP]
+
+
+def test_a_signed_link_is_as_good(desk: Path) -> None:
+    signed = pier(desk, Fault("", "", FAIL, "", "", pier={"their_key": key("a"), "our_key": key("a")}))
+    assert wrong(signed.findings()) == {}
 
 
 def test_there_are_enough_of_them() -> None:
