@@ -1,0 +1,260 @@
+"""`autonomy shore serve` as a process: what it shows, what it keeps, how it ends, and what does not disturb it."""
+
+import argparse
+import asyncio
+import json
+import os
+import signal
+import sys
+import urllib.error
+import urllib.request
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+
+import numpy as np
+import pytest
+from aiohttp import ClientSession
+
+from autonomy.effects import Topic
+from autonomy.shore import serve_cli
+from autonomy.wire import LogNotice
+
+sys.path.insert(0, str(Path(__file__).parent))
+from processes import SOON_S, Processes, free_port, wait_until
+from shore_helpers import (
+    free_endpoint,
+    health_notice,
+    learnt_model,
+    model_snapshot,
+    observation,
+    plan_notice,
+    publisher,
+    session,
+    survey_notice,
+)
+
+pytestmark = pytest.mark.process
+
+FLEET = os.environ.get("HALOCLINE_FLEET")
+
+
+@pytest.fixture(scope="module")
+def learnt():
+    return learnt_model()[0]
+
+
+class Server:
+    """`autonomy shore serve`, ready."""
+
+    def __init__(self, processes, *options):
+        self.endpoint, self.port = free_endpoint(), free_port()
+        words = ("--listen", self.endpoint, "--http", f"127.0.0.1:{self.port}", *map(str, options))
+        self.process = processes.start("-m", "autonomy", "shore", "serve", *words)
+        self.process.wait_for("the page is at")
+
+    def get(self, path):
+        """A body, or None where there is none of that name (yet)."""
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{self.port}{path}", timeout=SOON_S) as answer:
+                return answer.read()
+        except urllib.error.HTTPError as error:
+            if error.code in (404, 503):
+                return None
+            raise
+
+    def json(self, path):
+        """The same, read."""
+        body = self.get(path)
+        return None if body is None else json.loads(body)
+
+
+@pytest.fixture(scope="module")
+def server():
+    """One for all tests that leave it as it was."""
+    with Processes() as processes:
+        started = Server(processes)
+        yield started
+        assert started.process.stop() == 0
+        assert "Traceback" not in started.process.said
+
+
+def options_of(*words):
+    parser = argparse.ArgumentParser(prog="serve")
+    serve_cli.add_arguments(parser)
+    return parser.parse_args(words)
+
+
+def publish_all(boat, model, sequence=1, vehicle="boat1"):
+    boat.publish(Topic.MODEL, model_snapshot(model, sequence, vehicle))
+    boat.publish(Topic.SURVEY, survey_notice())
+    boat.publish(Topic.PLAN, plan_notice(sequence))
+    boat.publish(Topic.HEALTH, health_notice(f"number {sequence}"))
+    boat.publish(Topic.OBSERVATIONS, (observation(2 * sequence - 2), observation(2 * sequence - 1)))
+    boat.publish(Topic.LOG, LogNotice("info", f"line {sequence}"))
+
+
+def sequence_of(latest):
+    return latest is not None and latest["model"] is not None and latest["model"]["sequence"]
+
+
+def is_whole(latest):
+    """Whether everything that `publish_all` says has come."""
+    names = ("model", "plan", "health", "log")
+    return latest is not None and all(latest[name] for name in names) and len(latest["track"]) == 2
+
+
+def test_what_a_vehicle_publishes_is_on_the_page(server, learnt):
+    async def follow(server, boat):
+        async with (
+            ClientSession(f"http://127.0.0.1:{server.port}") as client,
+            client.ws_connect("/api/live?vehicles=boat1") as socket,
+        ):
+            boat.publish(Topic.MODEL, model_snapshot(learnt, 9))
+            async for message in socket:
+                news = json.loads(message.data)
+                if news["type"] == "model" and news["data"]["sequence"] == 9:
+                    return
+
+    with publisher(server.endpoint) as boat:
+        publish_all(boat, learnt)
+        wait_until(lambda: is_whole(server.json("/api/vehicle/boat1")))
+        latest = server.json("/api/vehicle/boat1")
+        assert (latest["alive"], sequence_of(latest)) == (True, 1)
+        assert latest["survey"]["name"] == "off Point Conception"
+        assert latest["log"][-1]["text"] == "line 1"
+        body = server.get("/api/vehicle/boat1/map?rows=30&columns=40")
+        mean = np.frombuffer(body, dtype="<f4")[:1200]
+        assert 32.0 < np.nanmin(mean) < np.nanmax(mean) < 34.0
+        asyncio.run(asyncio.wait_for(follow(server, boat), SOON_S))
+    wait_until(lambda: not server.json("/api/vehicle/boat1")["alive"])
+    assert b"<html" in server.get("/")
+
+
+def test_what_was_recorded_is_there_after_a_restart(learnt, tmp_path):
+    folder = tmp_path / "kept"
+    with Processes() as processes:
+        server = Server(processes, "--record", folder)
+        with publisher(server.endpoint) as boat:
+            for sequence in (1, 2, 3):
+                publish_all(boat, learnt, sequence)
+                wait_until(lambda wanted=sequence: sequence_of(server.json("/api/vehicle/boat1")) == wanted)
+            wait_until(lambda: len(server.json("/api/vehicle/boat1")["track"]) == 6)
+        assert server.process.stop(signal.SIGINT) == 0
+        again = Server(processes, "--record", folder)
+        latest = again.json("/api/vehicle/boat1")
+        assert (latest["alive"], sequence_of(latest)) == (False, 3)
+        assert [row[0] for row in latest["track"]] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+        assert [line["text"] for line in latest["log"]][-3:] == ["line 1", "line 2", "line 3"]
+        stops = again.json("/api/vehicle/boat1/history")["models"]
+        assert stops == [1.7e9 + 1, 1.7e9 + 2, 1.7e9 + 3]
+        assert again.get(f"/api/vehicle/boat1/map?rows=5&columns=5&at={stops[0]}") is not None
+        assert again.process.stop() == 0
+
+
+def test_hostile_bytes_on_every_key_change_nothing(server, learnt):
+    rng = np.random.default_rng(5)
+    before = server.json("/api/server")["refused"]
+    with (
+        publisher(server.endpoint, "boat2") as boat,
+        session("client", connect=[server.endpoint]) as stranger,
+    ):
+        publish_all(boat, learnt, 1, "boat2")
+        wait_until(lambda: sequence_of(server.json("/api/vehicle/boat2")) == 1)
+        for number in range(400):
+            name = f"ghost{number}" if number % 2 else "boat2"
+            for topic in Topic:
+                stranger.put(f"usv/{name}/{topic.value}", rng.bytes(int(rng.integers(0, 2000))))
+        wait_until(lambda: server.json("/api/server")["refused"] > before + 500)
+        assert server.json("/api/server")["vehicles"] <= 256
+        publish_all(boat, learnt, 4, "boat2")
+        wait_until(lambda: sequence_of(server.json("/api/vehicle/boat2")) == 4)
+
+
+def test_an_address_that_is_taken_ends_it(server, capsys):
+    http = f"127.0.0.1:{server.port}"
+    assert serve_cli.run(options_of("--listen", free_endpoint(), "--http", http)) == 1
+    assert f"cannot listen at {http}: " in (said := capsys.readouterr().err)
+    assert "--http" in said
+    other = f"127.0.0.1:{free_port()}"
+    assert serve_cli.run(options_of("--listen", server.endpoint, "--http", other)) == 1
+    assert "cannot listen at tcp/" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("missing", ["aiohttp", "matplotlib", "cmocean"])
+def test_without_the_extra_it_says_what_to_install(monkeypatch, capsys, missing):
+    def nowhere(name):
+        raise PackageNotFoundError(name)
+
+    for name in [name for name in sys.modules if name.startswith("autonomy.shore.server")]:
+        monkeypatch.delitem(sys.modules, name)
+    if missing == "cmocean":
+        monkeypatch.setattr("importlib.metadata.distribution", nowhere)
+    else:
+        monkeypatch.setitem(sys.modules, missing, None)
+    assert serve_cli.run(options_of("--listen", "tcp/127.0.0.1:7447")) == 2
+    assert (
+        capsys.readouterr().err == f"autonomy shore serve: needs {missing}: pip install 'halocline[shore]'\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--http", "0.0.0.0:8080"), "others can reach it; ask them for a --token"),
+        (("--http", "192.0.2.1:8080"), "others can reach it"),
+        (("--http", "[::]:8080"), "others can reach it"),
+        (("--token", "/nowhere/token"), "--token: no readable file '/nowhere/token'"),
+        (("--key", "/nowhere/key"), "--certificate and --key belong together"),
+    ],
+)
+def test_usage_that_cannot_be_meant(capsys, words, said):
+    assert serve_cli.run(options_of("--listen", "tcp/127.0.0.1:7447", *words)) == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("address", ["8080", "localhost", "localhost:99999", "a b:1", "http://x:1", "::1:80"])
+def test_an_address_for_browsers_is_a_host_and_a_port(capsys, address):
+    with pytest.raises(SystemExit, match="2"):
+        options_of("--listen", "tcp/127.0.0.1:7447", "--http", address)
+    assert "must be HOST:PORT" in capsys.readouterr().err
+
+
+def test_a_folder_without_a_recording_is_said(tmp_path, capsys):
+    http = f"127.0.0.1:{free_port()}"
+    words = ("--listen", free_endpoint(), "--http", http, "--history", str(tmp_path))
+    assert serve_cli.run(options_of(*words)) == 1
+    assert "holds no recording" in capsys.readouterr().err
+
+
+def test_one_process_follows_a_fleet():
+    """Ten vessels for a few seconds; as many as HALOCLINE_FLEET says for two minutes."""
+    vessels, seconds = (10, 4) if FLEET is None else (int(FLEET), 120)
+    with Processes() as processes:
+        server = Server(processes)
+        sea = Path(__file__).parent / "fleet_of_publishers.py"
+        fleet = processes.start(str(sea), server.endpoint, str(vessels))
+        fleet.wait_for("at sea")
+        wait_until(lambda: all_there(server, vessels, seconds), within_s=SOON_S + 2 * seconds)
+        state, samples = (
+            server.json("/api/server"),
+            [len(server.json(f"/api/vehicle/boat{number:03d}")["track"]) for number in range(vessels)],
+        )
+        assert (state["vehicles"], state["refused"], state["dropped"]) == (vessels, 0, 0)
+        # A reading a second, and none lost on the way.
+        assert max(samples) - min(samples) <= 2
+        assert state["memory_mb"] < 500.0
+        if FLEET is not None:
+            print(f"\n{vessels} vessels, {seconds} s: {state}")
+            assert state["lag_s"] < 1.0
+        assert server.process.stop() == 0
+
+
+def all_there(server, vessels, seconds):
+    """Whether every vessel has a map, a survey, and as many readings as seconds have gone by."""
+    if len(server.json("/api/vehicles")) < vessels:
+        return False
+    for number in range(vessels):
+        latest = server.json(f"/api/vehicle/boat{number:03d}")
+        if latest["model"] is None or len(latest["track"]) < seconds or not latest["alive"]:
+            return False
+    return True
