@@ -1,10 +1,13 @@
 """A map in some hundred bytes: the low frequencies of its cosine transform.
 
-The coefficients (DCT-II, orthonormal) come in bands of equal frequency over ground, all rounded to one step, each band
-Rice-coded with a parameter of its own (Rice & Plaunt 1971). The step is as fine as the room allows: so the bits
-go where the map has its variance, and the error is the same in all frequencies that are kept.
+Its mean is a float32, for it may be a thousand times its range. The other coefficients (DCT-II, orthonormal) come in
+bands of equal frequency over ground, all rounded to one step, each band Rice-coded with a parameter of its own (Rice &
+Plaunt 1971). The step is as fine as the room allows: so the bits go where the map has its variance, and the error is the
+same in all frequencies that are kept.
 """
 
+import math
+import struct
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -21,7 +24,7 @@ _BANDS = 20
 _SILENT = 15
 # Steps are powers of 2^(1/4): 255 of them from 2^-40 to 2^24.
 _STEPS_PER_OCTAVE, _LOWEST_OCTAVE = 4, -40
-_HEAD_BYTES = 4
+_HEAD = struct.Struct("<4Bf")
 # A longer unary part means a step that is finer than numbers of 14 bits need; so it gets bits that fit no room.
 _LONGEST = 32
 _TOO_MANY = 8192
@@ -60,6 +63,10 @@ class CoarseMap:
     def _bands(self) -> list[FloatArray]:
         return [self.coefficients[band] for band in _bands(*self.coefficients.shape)]
 
+    @property
+    def _mean(self) -> float:
+        return float(self.coefficients[0, 0]) / math.sqrt(self.coefficients.size)
+
     def encoded(self, room: int) -> bytes:
         """At most `room` bytes. ValueError if even the coarsest step does not fit: for values beyond 1e9 or so."""
         lowest, highest = 0, 255
@@ -86,22 +93,26 @@ class CoarseMap:
         heads = np.array(parameters + [0] * (len(parameters) % 2), dtype=np.uint8).reshape(-1, 2)
         body = np.packbits(np.concatenate([np.zeros(0, np.uint8), *bits])).tobytes()
         rows, columns = self.coefficients.shape
-        return bytes([rows, columns, number, len(bands)]) + (heads[:, 0] << 4 | heads[:, 1]).tobytes() + body
+        head = _HEAD.pack(rows, columns, number, len(bands), self._mean)
+        return head + (heads[:, 0] << 4 | heads[:, 1]).tobytes() + body
 
 
 def decoded(data: bytes) -> CoarseMap:
     """The map in `data`. Raises CoarseMapError for anything else."""
-    if len(data) < _HEAD_BYTES:
+    if len(data) < _HEAD.size:
         raise CoarseMapError(f"{len(data)} bytes are no map")
-    rows, columns, number, count = data[:_HEAD_BYTES]
+    rows, columns, number, count, mean = _HEAD.unpack_from(data)
+    if not math.isfinite(mean):
+        raise CoarseMapError(f"its mean is {mean}")
     if not 1 <= min(rows, columns) <= max(rows, columns) <= LARGEST_SIDE or count > _BANDS:
         raise CoarseMapError(f"there is no map of {rows} × {columns} cells and {count} bands")
-    heads = data[_HEAD_BYTES : _HEAD_BYTES + (count + 1) // 2]
+    heads = data[_HEAD.size : _HEAD.size + (count + 1) // 2]
     if len(heads) < (count + 1) // 2:
         raise CoarseMapError("it ends before its bands do")
     parameters = [nibble for byte in heads for nibble in (byte >> 4, byte & 15)][:count]
-    bits = np.unpackbits(np.frombuffer(data[_HEAD_BYTES + len(heads) :], dtype=np.uint8)).tolist()
+    bits = np.unpackbits(np.frombuffer(data[_HEAD.size + len(heads) :], dtype=np.uint8)).tolist()
     coefficients, position = np.zeros((rows, columns)), 0
+    coefficients[0, 0] = mean * (rows * columns) ** 0.5
     for parameter, band in zip(parameters, _bands(rows, columns), strict=False):
         values, position = _unriced(bits, position, parameter, len(band[0]))
         coefficients[band] = np.array(values, dtype=np.float64) * _step(number)
@@ -125,14 +136,14 @@ def _cosines(count: int, cells: int) -> FloatArray:
 def _bands(rows: int, columns: int) -> tuple[tuple[Integers, Integers], ...]:
     """Row and column numbers of the coefficients, band after band, by frequency over ground if cells are square.
 
-    Whole numbers only: both ends must agree. Band b holds 2b + 1 coefficients.
+    Whole numbers only: both ends must agree. Band b holds 2b + 3 coefficients; the mean is in none.
     """
     north, east = (axis.ravel() for axis in np.indices((rows, columns)))
     order = np.lexsort((east, north, (north * columns) ** 2 + (east * rows) ** 2))
-    ends = [min((b + 1) ** 2, rows * columns) for b in range(_BANDS)]
+    ends = [min((b + 2) ** 2, rows * columns) for b in range(_BANDS)]
     return tuple(
         (north[order[start:end]], east[order[start:end]])
-        for start, end in zip([0, *ends], ends, strict=False)
+        for start, end in zip([1, *ends], ends, strict=False)
     )
 
 

@@ -273,6 +273,7 @@ def test_maps_that_are_none_are_refused():
             CoarseMap.of(values)
     with pytest.raises(ValueError, match="does not fit"):
         CoarseMap.of(1e20 * waves()).encoded(100)
-    for data in (b"", bytes(4), bytes([3, 3, 9, 21]), bytes([3, 3, 9, 2]), bytes([3, 3, 9, 0, 0, 0])):
-        with pytest.raises(CoarseMapError):
-            decoded(data)
+    for head in (b"", bytes(4), bytes([3, 3, 9, 21]), bytes([3, 3, 9, 2]), bytes([3, 3, 9, 0])):
+        for mean in (b"", bytes(4) + b"x", b"\x00\x00\xc0\x7f"):
+            with pytest.raises(CoarseMapError):
+                decoded(head + mean)
