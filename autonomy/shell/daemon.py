@@ -46,6 +46,9 @@ _PROVISIONAL_SYSTEM_ID = 1
 
 _TEND_SIGNING_S = 1.0
 
+DIGEST_EVERY = 60
+"""Reports of health to one digest for satellite modems."""
+
 
 class Daemon:
     """The shell around one core, for one run of the service.
@@ -87,6 +90,7 @@ class Daemon:
             certificates=_certificates(shore),
             precision=shore.precision,
             rate_limit_bytes_per_s=shore.rate_limit_bytes_per_s,
+            digest_period_s=DIGEST_EVERY * shore.health_period_s,
         )
         self._certificate_doubt = doubt(
             configuration.vehicle.name, shore.tls.certificate, shore.tls.private_key

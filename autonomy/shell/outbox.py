@@ -5,7 +5,8 @@ import threading
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
-from autonomy import wire
+from autonomy import digest, wire
+from autonomy.digesting import digest_of
 from autonomy.effects import Topic
 from autonomy.learning.snapshot import PRECISIONS, Precision
 from autonomy.shell.backlog import Lines, Observations
@@ -20,7 +21,7 @@ NUMBERED = (Topic.LOG, Topic.OBSERVATIONS)
 
 SHARES = {Topic.HEALTH: 0.15, Topic.MODEL: 0.45}
 """Of a limited rate, what these may take at most. Plan, survey and status are rare; the others have the rest."""
-MODEL_S = 20.0
+MODEL_S = 16.0
 """On a limited link a model may take so long, if there is a precision at which it does; the newest is never older than
 twice that, and the wait for its turn."""
 PIECE_S = 4.0
@@ -119,6 +120,29 @@ class Outbox:
                 self._rest(topic, now, payload)
                 return Parcel(topic, payload)
         return None
+
+    @property
+    def has_health(self) -> bool:
+        """Whether there is anything to make a digest of."""
+        return Topic.HEALTH in self._latest
+
+    def digest(self, vehicle: str) -> None:
+        """Offer a digest of what was offered before; there must be health."""
+        with self._lock:
+            newest = dict(self._latest)
+        health, plan, survey = newest.get(Topic.HEALTH), newest.get(Topic.PLAN), newest.get(Topic.SURVEY)
+        assert isinstance(health, wire.HealthNotice)
+        told = digest_of(
+            vehicle,
+            health,
+            self.newest_model,
+            plan if isinstance(plan, wire.PlanNotice) else None,
+            survey if isinstance(survey, wire.SurveyNotice) else None,
+        )
+        try:
+            self.offer(Topic.STATUS, wire.StatusDigest(digest.encode(told)))
+        except ValueError as error:
+            log.warning("no digest: %s", error)
 
     @property
     def newest_model(self) -> wire.ModelSnapshot | None:

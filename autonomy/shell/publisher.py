@@ -1,6 +1,7 @@
 """What goes ashore: a thread of its own owns the zenoh session, for a put on a dying link can block."""
 
 import logging
+import math
 import secrets
 import threading
 import time
@@ -98,6 +99,7 @@ class Publisher:
         precision: that models go out with.
         rate_limit_bytes_per_s: what the link can take: models are coarser and everything is rarer then; None: all
             goes as it comes.
+        digest_period_s: time between two digests.
         certificates: for routers dialled by tls/… or quic/….
 
     Raises:
@@ -113,6 +115,7 @@ class Publisher:
         certificates: Certificates | None = None,
         precision: Precision = "16 bit",
         rate_limit_bytes_per_s: float | None = None,
+        digest_period_s: float = 60.0,
     ) -> None:
         if not wire.VEHICLE_NAME.fullmatch(vehicle):
             raise ValueError(f"vehicle name must match {wire.VEHICLE_NAME.pattern} (got {vehicle!r})")
@@ -127,6 +130,8 @@ class Publisher:
         limit = RateLimit(rate_limit_bytes_per_s)
         self._outbox = Outbox(run, backlog, line_limit, precision, limit)
         self._questions = Questions(vehicle, self._outbox, limit)
+        self._digest_period_s = digest_period_s
+        self._digested_s = -math.inf
         self._stopping = False
         self._asked = 0
         self._unasked_since: float | None = None
@@ -208,6 +213,7 @@ class Publisher:
                     self._changed.wait(self._idle_s(listened))
                 stopping = self._stopping
             listened = {topic for topic in Topic if _matched(publishers[topic])}
+            self._digest(time.monotonic())
             while (parcel := self._outbox.next(time.monotonic(), listened)) is not None:
                 publishers[parcel.topic].put(parcel.payload)
                 self._set_status(published=self._status.published + 1)
@@ -217,6 +223,11 @@ class Publisher:
             self._look_around(session, publishers[Topic.MODEL])
             if stopping:
                 return
+
+    def _digest(self, now: float) -> None:
+        if now >= self._digested_s + self._digest_period_s and self._outbox.has_health:
+            self._digested_s = now
+            self._outbox.digest(self._vehicle)
 
     def _idle_s(self, listened: set[Topic]) -> float:
         """How long nothing can be done, unless something comes."""

@@ -8,10 +8,13 @@ import textwrap
 import threading
 from pathlib import Path
 
+import cbor2
+import numpy as np
 import pytest
 
 from autonomy import wire
 from autonomy.effects import Topic
+from autonomy.geometry import LocalFrame
 from autonomy.shell.publisher import Publisher
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -20,6 +23,8 @@ from shore_helpers import (
     Listener,
     free_endpoint,
     health_notice,
+    learnt_model,
+    model_snapshot,
     observation,
     plan_notice,
     publisher,
@@ -74,7 +79,9 @@ def test_without_a_router_the_newest_wins_and_queues_drop_their_oldest():
             assert [one.model_time_s for one in kept.items] == list(range(990, 1000))
             assert (kept.oldest, kept.first, kept.end) == (990, 990, 1000)
             answers = listener.ask("usv/boat1/*")
-            assert answers.keys() == {Topic.HEALTH}, "what is told in order is asked for by number"
+            assert answers.keys() == {Topic.HEALTH, Topic.STATUS}, (
+                "what is told in order is asked for by number"
+            )
             assert answers[Topic.HEALTH].reason == "999"
 
 
@@ -85,6 +92,29 @@ def test_what_is_asked_for_wrongly_is_answered_with_what_is_wrong():
         for parameters in ("from=soon;count=1", "from=0", "count=1", "from=0;count=-1", "from=1e3;count=1"):
             (reply,) = ashore.get(f"usv/boat1/observations?{parameters}", timeout=SOON_S)
             assert "must be a whole number" in bytes(reply.err.payload).decode()
+
+
+def test_predictions_can_be_asked_for():
+    model, points_m = learnt_model()
+    snapshot = model_snapshot(model, 3)
+    frame = LocalFrame(snapshot.origin_lat_deg, snapshot.origin_lon_deg)
+    places = frame.to_geodetic(points_m[:50]).astype("<f8")
+    request = cbor2.dumps({"v": wire.VERSION, "points_deg": cbor2.CBORTag(86, places.tobytes())})
+    endpoint = free_endpoint()
+    with router(endpoint) as ashore, Listener(ashore) as listener, publisher(endpoint) as boat:
+        assert listener.wait("usv/boat1/alive").appeared
+        (reply,) = ashore.get("usv/boat1/predict", payload=request, timeout=SOON_S)
+        assert "there is no model yet" in bytes(reply.err.payload).decode()
+        boat.publish(Topic.MODEL, snapshot)
+        (reply,) = ashore.get("usv/boat1/predict", payload=request, timeout=SOON_S)
+        answer = cbor2.loads(bytes(reply.ok.payload))
+        expected = model.predict(points_m[:50])
+        assert np.abs(np.frombuffer(answer["mean"].value) - expected.mean).max() < 1e-6
+        assert np.abs(np.frombuffer(answer["sd"].value) - np.sqrt(expected.variance)).max() < 1e-6
+        assert str(reply.ok.encoding) == f"application/cbor;halocline/predict/{wire.VERSION}"
+        (reply,) = ashore.get("usv/boat1/predict", payload=b"\xff", timeout=SOON_S)
+        assert "predict: is not CBOR" in bytes(reply.err.payload).decode()
+        assert list(ashore.get("usv/boat1/predict", timeout=SOON_S)) == [], "nothing was asked"
 
 
 def test_one_observation_that_cannot_be_written_does_not_take_the_others_with_it(caplog):

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from autonomy import wire
+from autonomy import digest, wire
 from autonomy.effects import Topic
+from autonomy.geometry import LocalFrame
 from autonomy.learning.kernel import Component, Kernel
 from autonomy.learning.snapshot import PRECISIONS
 from autonomy.learning.sparse_gp import SparseOnlineGP
@@ -137,6 +138,31 @@ def test_what_cannot_be_written_is_counted() -> None:
     box.offer(Topic.LOG, wire.LogNotice("shout", "hello"))
     box.offer(Topic.OBSERVATIONS, wire.ObservationNotice(0.0, 200.0, 0.0, 33.0, 1, (1,) * 7))
     assert (box.refused, box.due_in_s(0.0, ALL)) == (2, None)
+
+
+def test_the_digest_is_of_what_was_published_last(model) -> None:
+    box = outbox()
+    assert not box.has_health
+    box.offer(Topic.HEALTH, health_notice())
+    box.digest("boat1")
+    bare = digest.decode(wire.decode(Topic.STATUS, box.latest(Topic.STATUS)).data)
+    assert (bare.vehicle, bare.samples, bare.coarse, bare.route_deg) == ("boat1", 400, None, ())
+    for topic, value in (
+        (Topic.MODEL, model_snapshot(model, 2)),
+        (Topic.PLAN, plan_notice()),
+        (Topic.SURVEY, survey_notice()),
+    ):
+        box.offer(topic, value)
+    box.digest("boat1")
+    told = digest.decode(wire.decode(Topic.STATUS, box.latest(Topic.STATUS)).data)
+    assert told.utc_s == round(1000.0 + 1.7e9 - 1000.0)
+    np.testing.assert_allclose(told.route_deg, plan_notice().route_deg, atol=1e-4)
+    frame = LocalFrame(34.4, -120.5)
+    lat, lon = np.mgrid[34.405:34.475:5j, -120.49:-120.38:5j]
+    truth = model.predict(frame.to_local(lat.ravel(), lon.ravel())).mean.reshape(5, 5)
+    rows = np.rint((lat - 34.4) / 0.08 * 40 - 0.5).astype(int)
+    columns = np.rint((lon + 120.5) / 0.13 * 40 - 0.5).astype(int)
+    assert np.abs(told.map(40, 40)[rows, columns] - truth).mean() < 0.2 * np.std(truth)
 
 
 def test_the_limit_is_overdrawn_by_one_message_and_then_waited_out() -> None:
