@@ -2,8 +2,8 @@
 
 Its mean is a float32, for it may be a thousand times its range. The other coefficients (DCT-II, orthonormal) come in
 bands of equal frequency over ground, all rounded to one step, each band Rice-coded with a parameter of its own (Rice &
-Plaunt 1971). The step is as fine as the room allows: so the bits go where the map has its variance, and the error is the
-same in all frequencies that are kept.
+Plaunt 1971). The step is as fine as the room allows: so the bits go where the map has its variance, and the error is
+the same in all frequencies that are kept.
 """
 
 import math

@@ -9,18 +9,31 @@ from autonomy.wire import ModelSnapshot
 
 
 def model_bytes(received: ModelSnapshot) -> bytes:
-    """A model file of a snapshot: see `autonomy.learning.snapshot`, with where and of what it is as its metadata."""
+    """A model file of a snapshot: see `autonomy.learning.snapshot`, with where and of what it is as its metadata.
+
+    Lossless: nothing is lost again of what came, in `precision` and with an error of up to `error_mean` and `error_sd`.
+    """
+    noted = {
+        "vehicle": received.vehicle,
+        "survey": received.survey,
+        "variable": received.variable,
+        "units": received.units,
+        "samples": received.samples,
+        "model_time_s": received.model_time_s,
+        "utc_s": received.utc_s,
+        "origin_lat_deg": received.origin_lat_deg,
+        "origin_lon_deg": received.origin_lon_deg,
+        "capacity": received.capacity,
+        "rho": received.rho,
+        "rho0": received.rho0,
+        "software_version": received.software_version,
+        "configuration_hash": received.configuration_hash,
+        "precision": received.precision,
+        "error_mean": received.stated_error[0],
+        "error_sd": received.stated_error[1],
+    }
     return snapshot.encode(
-        received.model,
-        {
-            "vehicle": received.vehicle,
-            "variable": received.variable,
-            "units": received.units,
-            "samples": received.samples,
-            "model_time_s": received.model_time_s,
-            "origin_lat_deg": received.origin_lat_deg,
-            "origin_lon_deg": received.origin_lon_deg,
-        },
+        received.model, {name: value for name, value in noted.items() if value is not None}
     )
 
 

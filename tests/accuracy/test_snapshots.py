@@ -1,7 +1,7 @@
 """What goes ashore is the map: snapshots and digests of models that surveys of the sea have taught, against the models.
 
-The three real files and the simulator's field; every water cell counts. The long form estimates more often, and looks at
-the default learner after whole surveys besides.
+The three real files and the simulator's field; every water cell counts. The long form estimates more often, and looks
+at the default learner after whole surveys besides.
 """
 
 import math
