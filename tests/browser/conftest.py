@@ -48,10 +48,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             )
 
 
+def find() -> str | None:
+    """The browser's path, None if there is none."""
+    return os.environ.get("HALOCLINE_CHROMIUM") or shutil.which("chromium")
+
+
 @pytest.fixture(scope="session")
 def chromium_path() -> str:
     """Where the browser is."""
-    found = os.environ.get("HALOCLINE_CHROMIUM") or shutil.which("chromium")
+    found = find()
     if found is None:
         pytest.skip("no chromium: make browser-test installs it, or name one in HALOCLINE_CHROMIUM")
     return found
@@ -106,7 +111,8 @@ class Station:
 
     def __init__(self, processes: Processes) -> None:
         self._processes = processes
-        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.port = free_port()
+        self.endpoint = f"tcp/127.0.0.1:{self.port}"
         self.http = f"127.0.0.1:{free_port()}"
         self.url = f"http://{self.http}/"
         self.start()

@@ -321,7 +321,7 @@ def test_what_a_vehicle_says_is_text(visit, station):
 
 def axe_source() -> str:
     """The checker's text, from the archive that `npm pack axe-core` makes."""
-    folder = Path(os.environ.get("HALOCLINE_AXE", Path(__file__).parents[2] / ".cache"))
+    folder = Path(os.environ.get("HALOCLINE_AXE", Path(__file__).parents[2] / ".venv"))
     archives = sorted(folder.glob("axe-core-*.tgz"))
     if not archives:
         pytest.skip(f"no axe-core in {folder}: make browser-test fetches it")

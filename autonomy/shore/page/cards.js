@@ -84,7 +84,7 @@ export class Cards {
     this.belief.replaceChildren(element("table", { class: "parts" }, head, body), pairs(rows));
     this.trust.replaceChildren(
       judged("Along the track", calibration(model.calibration, "readings"), model.calibration),
-      judged("Ahead, far from what it knew", calibration(model.ahead, "readings"), model.ahead),
+      judged("Far from what it knew", calibration(model.ahead, "readings"), model.ahead),
     );
   }
 

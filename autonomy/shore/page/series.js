@@ -141,7 +141,7 @@ export class Charts {
       cursor: { sync: { key: this.sync.key }, drag: { x: false, y: false }, y: false, points: { size: 6 } },
       scales: { x: { time: true, range: span }, y: { range } },
       axes: [
-        { ...axis, values: clock, space: 56, size: 24, grid: { show: false } },
+        { ...axis, values: clock, space: 46, size: 24, grid: { show: false } },
         { ...axis, values: numbers, space: 28, size: (_, texts) => 12 + 6.4 * Math.max(2, ...(texts ?? []).map((text) => text.length)) },
       ],
       series: [{}, ...shown],
