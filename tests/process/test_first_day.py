@@ -90,7 +90,7 @@ def test_the_bench(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
 
     vessel = bench.leave_running("sim vessel")
     vessel.wait_for("ready on")
-    assert bench.type("autonomy preflight", "--seconds", "5") == 0
+    assert bench.type("autonomy preflight", "--seconds", "4") == 0
     told = capsys.readouterr().out
     steady = [line for line in quoted("pass autopilot") if not re.search(r"\d+ (readings|pass)", line)]
     assert [line for line in steady if line not in told.splitlines()] == []
