@@ -13,7 +13,7 @@ def model_bytes(received: ModelSnapshot) -> bytes:
 
     Lossless: nothing is lost again of what came, in `precision` and with an error of up to `error_mean` and `error_sd`.
     """
-    noted = {
+    noted: dict[str, snapshot.Scalar | None] = {
         "vehicle": received.vehicle,
         "survey": received.survey,
         "variable": received.variable,
