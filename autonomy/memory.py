@@ -65,7 +65,7 @@ SETTINGS: Mapping[str, frozenset[str]] = {
         "autonomy.quality.flat_line.FlatLine": "_suspect_s _fail_s",
         "autonomy.quality.flat_line._Run": "_tolerance",
         "autonomy.exploration.Exploration": "_section _replan_share",
-        "autonomy.reporting.Reporter": "_configuration _survey",
+        "autonomy.reporting.Reporter": "_configuration _survey _configuration_hash",
         "autonomy.reporting._Schedule": "period_s",
     }.items()
 }

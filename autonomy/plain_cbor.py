@@ -31,7 +31,7 @@ def load(data: bytes, *, maximum_bytes: int, maximum_items: int, maximum_depth: 
     """
     if len(data) > maximum_bytes:
         raise CBORError(f"must have at most {maximum_bytes} bytes (got {len(data)})")
-    _check_items(data, maximum_items)
+    check_items(data, maximum_items)
     try:
         return cbor2.loads(
             data,
@@ -52,8 +52,11 @@ def _refuse(*_decoder: Any) -> NoReturn:
 _REFUSED = dict.fromkeys(OBJECT_TAGS, _refuse)
 
 
-def _check_items(data: bytes, maximum: int) -> None:
-    """Walk from head to head (RFC 8949, section 3), which costs nothing but the time; text and bytes are skipped."""
+def check_items(data: bytes, maximum: int) -> None:
+    """See that there are at most so many items in it, and no text too long. CBORError otherwise.
+
+    It walks from head to head (RFC 8949, section 3), which costs nothing but the time; text and bytes are skipped.
+    """
     position, size, items = 0, len(data), 0
     while position < size:
         items += 1

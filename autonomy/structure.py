@@ -36,7 +36,7 @@ _DEPTH = 40
 # Of these an enumeration's member is only ever written.
 _TUPLE, _ARRAY, _SCALAR, _OBJECT, _MAP, _ENUM = range(70_000, 70_006)
 _KINDS = frozenset("biuf")
-_DTYPE = re.compile(r"[<>|=]?[a-zA-Z]\d{1,2}")
+_DTYPE = re.compile(r"[<>|=]?[biuf]\d{1,2}")
 
 READABLE: dict[str, type] = {
     each.__name__: each
@@ -239,10 +239,7 @@ def _dtype(name: Any) -> np.dtype[Any]:
     # Of anything else NumPy makes sense in its own way, or Python's: it parses what looks like a list of types.
     if not isinstance(name, str) or not _DTYPE.fullmatch(name):
         raise StructureError("no type of numbers")
-    dtype = np.dtype(name)
-    if dtype.kind not in _KINDS:
-        raise StructureError(f"arrays of {dtype} have no place here")
-    return dtype
+    return np.dtype(name)
 
 
 def _array(content: Any) -> np.ndarray[Any, Any]:

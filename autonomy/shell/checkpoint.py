@@ -24,12 +24,12 @@ import numpy as np
 import shapely
 import zstandard
 
+from autonomy import plain_cbor
 from autonomy.config import Configuration
 from autonomy.memory import Memory
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell.journal_files import Position
 from autonomy.shell.journal_store import FULL
-from autonomy.wire import OBJECT_TAGS
 
 log = logging.getLogger(__name__)
 
@@ -37,7 +37,13 @@ MAGIC = b"HALOCKPT"
 SCHEMA = 1
 """To be raised when what the core remembers changes its meaning but not the names of its attributes."""
 
-MAXIMUM_BYTES = 2**28
+MAXIMUM_BYTES = 2**26
+"""Without compression: thrice what the largest model configurable takes, 300 basis vectors of three components, two of
+which move, with 20 000 cells of history."""
+
+MAXIMUM_ITEMS = 500_000
+"""Numbers, texts, lists, … in it; arrays count as one, so that a core at sea has some thousands."""
+
 FITTING_SHAPES = ("ground", "obstacles", "navigable")
 """The parts of a survey area that a checkpoint depends on."""
 
@@ -101,7 +107,7 @@ def digests(
 
 
 def encode(checkpoint: Checkpoint) -> bytes:
-    """The bytes of a file."""
+    """The bytes of a file. ValueError if they are more than would be read again; TypeError if it can't be encoded."""
     position = checkpoint.position
     content = {
         "number": checkpoint.number,
@@ -112,7 +118,13 @@ def encode(checkpoint: Checkpoint) -> bytes:
         "journal": None if position is None else [position.run, position.sequence],
         "memory": checkpoint.memory,
     }
-    body = zstandard.ZstdCompressor(level=1).compress(cbor2.dumps(content, default=_encode_array))
+    plain = cbor2.dumps(content, default=_encode_array)
+    if len(plain) > MAXIMUM_BYTES:
+        raise ValueError(
+            f"it would have {len(plain)} bytes, more than the {MAXIMUM_BYTES} that are read again"
+        )
+    plain_cbor.check_items(plain, MAXIMUM_ITEMS)
+    body = zstandard.ZstdCompressor(level=1).compress(plain)
     return MAGIC + hashlib.blake2b(body, digest_size=_DIGEST_BYTES).digest() + body
 
 
@@ -136,7 +148,7 @@ def decode(data: bytes) -> Checkpoint:
             boot=str(content["boot"]),
             position=None if journal is None else Position(int(journal[0]), int(journal[1])),
         )
-    except (zstandard.ZstdError, cbor2.CBORDecodeError) as error:
+    except (zstandard.ZstdError, plain_cbor.CBORError) as error:
         raise CheckpointError(f"it can't be read: {error}") from error
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         raise CheckpointError(f"it makes no sense: {type(error).__name__}: {error}") from error
@@ -147,11 +159,8 @@ def _content(body: bytes) -> dict[str, Any]:
     if not 0 < size <= MAXIMUM_BYTES:
         raise CheckpointError(f"it claims to hold {size} bytes; the limit is {MAXIMUM_BYTES}")
     plain = zstandard.ZstdDecompressor().decompress(body, max_output_size=MAXIMUM_BYTES)
-    content = cbor2.loads(
-        plain,
-        semantic_decoders=dict.fromkeys(OBJECT_TAGS, _refuse),
-        max_depth=_MAXIMUM_DEPTH,
-        allow_indefinite=False,
+    content = plain_cbor.load(
+        plain, maximum_bytes=MAXIMUM_BYTES, maximum_items=MAXIMUM_ITEMS, maximum_depth=_MAXIMUM_DEPTH
     )
     if not isinstance(content, dict):
         raise CheckpointError(f"a map was expected, not {type(content).__name__}")
@@ -163,10 +172,6 @@ def _encode_array(encoder: Any, value: Any) -> None:
         raise TypeError(f"a {type(value).__name__} has no place in a checkpoint")
     order: Literal["C", "F"] = "C" if value.flags.c_contiguous or not value.flags.f_contiguous else "F"
     encoder.encode(["array", value.dtype.str, order, list(value.shape), value.tobytes(order)])
-
-
-def _refuse(_decoder: Any, *_rest: Any) -> Any:
-    raise ValueError("this tag has no place here")
 
 
 class Store:
