@@ -2,6 +2,7 @@
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from autonomy.geometry import FloatArray, LocalFrame
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.prediction import Prediction
+from autonomy.learning.spatial import SquaredExponential
 from autonomy.shore.server import chebyshev
 from autonomy.wire import ModelSnapshot
 
@@ -22,6 +24,8 @@ _TOLERANCE = 1e-6
 _CHECKS = 100
 _MOST_POINTS = 0.3
 """Of the cells: with more points than this, interpolation saves nothing."""
+_PROJECTION = (16, 16)
+_NEAR_M = 1e-3
 
 
 @dataclass(frozen=True)
@@ -119,40 +123,55 @@ def bounds_deg(snapshot: ModelSnapshot) -> tuple[float, float, float, float]:
 
 def _values(snapshot: ModelSnapshot, lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, Prediction]:
     """Local metres (2, rows, columns) and the prediction, at every cell."""
-    model = snapshot.model
-
-    def exactly(lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
-        local = frame_of(snapshot).to_local(lat_deg, lon_deg)
-        prediction = model.predict(local)
-        return np.stack([*local.T, prediction.latent_mean, prediction.latent_variance])
-
-    counts = _counts(snapshot, lat, lon)
-    if counts[0] * counts[1] + _CHECKS <= _MOST_POINTS * len(lat) * len(lon):
-        values, errors = chebyshev.on_grid(exactly, lat, lon, counts, _CHECKS)
-        if _is_close(errors, model):
-            return values[:2], Prediction(values[2], values[3], model.transform)
-    values = exactly(*(each.ravel() for each in np.meshgrid(lat, lon, indexing="ij")))
-    values = values.reshape(4, len(lat), len(lon))
-    return values[:2], Prediction(values[2], values[3], model.transform)
-
-
-def _is_close(errors: FloatArray, model: FieldModel) -> bool:
-    """Whether the map is good enough; of the places, a millimetre will do."""
-    variance = model.kernel.signal_variance
-    allowed = np.array([1e-3, 1e-3, _TOLERANCE * math.sqrt(variance), _TOLERANCE * variance])
-    return bool((errors <= allowed).all())
+    model, frame = snapshot.model, frame_of(snapshot)
+    local = _interpolated(
+        lambda a, b: frame.to_local(a, b).T, lat, lon, _PROJECTION, np.array([_NEAR_M, _NEAR_M])
+    )
+    if local is None:
+        local = np.moveaxis(frame.to_local(*np.meshgrid(lat, lon, indexing="ij")), -1, 0)
+    latent = None
+    if all(isinstance(each.space, SquaredExponential) for each in model.kernel.components):
+        variance = model.kernel.signal_variance
+        latent = _interpolated(
+            lambda a, b: _latent(model, frame.to_local(a, b)),
+            lat,
+            lon,
+            _counts(model, local),
+            _TOLERANCE * np.array([math.sqrt(variance), variance]),
+        )
+    if latent is None:
+        latent = _latent(model, local.reshape(2, -1).T).reshape(2, len(lat), len(lon))
+    return local, Prediction(latent[0], latent[1], model.transform)
 
 
-def _counts(snapshot: ModelSnapshot, lat: FloatArray, lon: FloatArray) -> tuple[int, int]:
-    """Chebyshev's points along both axes.
+def _latent(model: FieldModel, points_m: FloatArray) -> FloatArray:
+    """Mean and variance as the model is Gaussian in them, shape (2, n)."""
+    prediction = model.predict(points_m)
+    return np.stack([prediction.latent_mean, prediction.latent_variance])
+
+
+def _interpolated(
+    function: Callable[[FloatArray, FloatArray], FloatArray],
+    lat: FloatArray,
+    lon: FloatArray,
+    counts: tuple[int, int],
+    allowed: FloatArray,
+) -> FloatArray | None:
+    """Functions on the grid, from few places; None where that saves nothing, or is further out than allowed."""
+    if counts[0] * counts[1] + _CHECKS > _MOST_POINTS * len(lat) * len(lon) or min(len(lat), len(lon)) < 2:
+        return None
+    values, errors = chebyshev.on_grid(function, lat, lon, counts, _CHECKS)
+    return values if bool((errors <= allowed).all()) else None
+
+
+def _counts(model: FieldModel, local_m: FloatArray) -> tuple[int, int]:
+    """Chebyshev's points along rows and columns of a map of squared-exponential components.
 
     The variance is made of products of two correlations: of Gaussians with the length-scale l, those have the spectrum
     exp(−(ωl)²/4), which is below e⁻²⁰ from ω = √80/l on. A polynomial on an interval of half-width h needs ωh
     terms for waves of frequency ω, and a few more.
     """
-    scales = np.array([each.space.lengthscales_m for each in snapshot.model.kernel.components])
-    ends = [[lat[0], lat[0], lat[-1], lat[-1]], [lon[0], lon[-1], lon[0], lon[-1]]]
-    corners = frame_of(snapshot).to_local(*ends)
-    half_m = 0.5 * np.ptp(corners, axis=0)
-    east, north = np.ceil(math.sqrt(80.0) * half_m / scales.min(axis=0) + 12.0).astype(int).tolist()
-    return min(north, len(lat)), min(east, len(lon))
+    scales = np.array([each.space.lengthscales_m for each in model.kernel.components]).min(axis=0)
+    half_m = 0.5 * np.ptp(local_m, axis=(1, 2))
+    east, north = np.ceil(math.sqrt(80.0) * half_m / scales + 12.0).astype(int).tolist()
+    return north, east
