@@ -15,6 +15,7 @@ _STAIRS_SHARE = 0.95
 """Share of a shore's length that runs exactly along meridians and parallels: no shore does, cells of a mask do."""
 
 _FEWEST_STAIRS = 12
+_KEPT_SHARE = 0.99
 _SAME_DEG = 1e-9
 
 
@@ -43,6 +44,9 @@ def doubts_of(drawn: Sketch, survey: SurveyArea, start: tuple[float, float] | No
     km2 = survey.ground.area / 1e6
     if not _SMALL_KM2 <= km2 <= _LARGE_KM2:
         found.append(f"a survey area of {km2:.3g} km² is unusual: are the coordinates right?")
+    kept = survey.ground.area / _metres(drawn.shape("area"), survey.frame).area
+    if kept < _KEPT_SHARE:
+        found.append(f"keep-in leaves {kept:.0%} of the area: is the fence the one that is meant?")
     found += _about_land(drawn, survey)
     parts = shapely.get_num_geometries(survey.navigable)
     if parts > 1:

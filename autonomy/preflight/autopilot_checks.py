@@ -131,7 +131,7 @@ def _home(vehicle: Vehicle, survey: SurveyArea) -> Finding:
     x_m, y_m = survey.frame.to_local(*home_deg)
     away_m = survey.ground.distance(_point(x_m, y_m))
     said = f"home is {home_deg[0]:.5f}, {home_deg[1]:.5f}, {_length(away_m)} from the survey area"
-    if away_m > _FAR_HOME_M:
+    if away_m > max(_FAR_HOME_M, 2.0 * survey.span_m):
         return failed(check, said, "set home where the boat is launched: RTL would go there")
     if survey.obstacles.intersects(_point(x_m, y_m)):
         return warned(

@@ -12,7 +12,12 @@ _FEW_SATELLITES, _GOOD_SATELLITES = 6, 9
 _BAD_HDOP, _GOOD_HDOP = 4.0, 2.0
 _OFF_S, _WRONG_S = 2.0, 60.0
 _FAR_M = 10e3
+"""From the survey's water, or twice its extent: more than that is another survey."""
+
 _SLOW_SHARE = 0.5
+_DOUBTS = {
+    "survey.land": "name a file of the shore in survey.land, or watch out: nothing else keeps the boat off it"
+}
 _NO_VEHICLE = "no autopilot is heard"
 
 
@@ -105,8 +110,7 @@ def _area(facts: Facts) -> Finding:
 
 def _doubt(text: str) -> Finding:
     key, _, said = text.partition(": ")
-    remedy = "name a file of the shore in survey.land, or watch out: nothing else keeps the boat off it"
-    return warned(key, said, remedy)
+    return warned(key, said, _DOUBTS.get(key, f"look at {key} in the configuration"))
 
 
 def _start(facts: Facts, vehicle: Vehicle) -> Finding:
@@ -125,7 +129,7 @@ def _start(facts: Facts, vehicle: Vehicle) -> Finding:
             f"by the polygons the boat lies on land or in keep-out, at {place}, {away_m:.0f} m from the survey's water",
             "launch it elsewhere, or correct survey.land and keep_out",
         )
-    if away_m > _FAR_M:
+    if away_m > max(_FAR_M, 2.0 * survey.span_m):
         return failed(
             check,
             f"the boat lies {away_m / 1e3:.0f} km from the survey's water, at {place}",

@@ -9,6 +9,9 @@ from autonomy.quality.checks import NO_VALUE_ABOVE
 
 _SLOWEST_HZ, _FASTEST_HZ = 0.1, 20.0
 _STUCK_AFTER = 8
+_FEW_BAD = 0.05
+"""Share of bad readings that any probe may have."""
+
 _FLAG_GOOD, _, _FLAG_SUSPECT, _FLAG_FAIL, _FLAG_MISSING = range(5)
 """Columns of the counts of flags."""
 
@@ -121,8 +124,9 @@ def _quality(facts: Facts) -> Finding:
     }
     said = ", ".join(f"{count} by {test.replace('_', ' ')}" for test, count in bad.items() if count)
     wrong = total[_FLAG_SUSPECT] + total[_FLAG_FAIL] + total[_FLAG_MISSING]
-    if not wrong:
-        return passed(check, f"{total[_FLAG_GOOD]} readings pass the tests of quality control")
+    if wrong <= _FEW_BAD * sum(total):
+        but = f", {wrong} do not: {said}" if wrong else ""
+        return passed(check, f"{total[_FLAG_GOOD]} readings pass the tests of quality control{but}")
     return warned(
         check,
         f"{wrong} of {sum(total)} readings would not teach: {said}",

@@ -298,6 +298,12 @@ class TestDoubts:
         assert stair_m(shore, LocalFrame(33.05, -118.95)) is None
         assert stair_m(AREA, LocalFrame(33.05, -118.95)) is None
 
+    def test_a_permit_that_cuts_the_area(self, desk, capsys):
+        """Five sixths of the degrees of longitude that the area has lie west of the permit's eastern edge."""
+        desk(bay_plan=plan(inside=[PERMIT]))
+        assert imported("bay.plan") == 0
+        assert "keep-in leaves 83% of the area" in capsys.readouterr().err
+
     def test_water_in_two_parts(self, desk, capsys):
         wall = box(-118.951, 33.0, -118.949, 33.1)
         desk(a_kml=kml(placemark("area", AREA), placemark("land", wall)))
