@@ -2,16 +2,17 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from aiohttp import web
 from aiohttp.typedefs import Handler, Middleware
+from numpy.typing import NDArray
 
 from autonomy.shore.server import parameters
-from autonomy.shore.server.atelier import BusyError
+from autonomy.shore.server.allowance import Allowance, BusyError
 from autonomy.shore.server.colours import colormaps
 from autonomy.shore.server.fleet import Fleet, UnknownVehicleError
 from autonomy.shore.server.guards import add_headers
@@ -23,6 +24,8 @@ from autonomy.shore.subscriber import Counters
 
 PAGE = Path(__file__).parent.parent / "page"
 _LARGEST_BODY = 4096
+_UNREAD_BYTES = 64 * 2**20
+_PIECE_BYTES = 256 * 2**10
 # Said here, for what a system's own list says of them differs, and browsers run no module under a wrong type.
 _TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -45,6 +48,7 @@ class Parts:
     lag: Lag
     counters: Callable[[], Counters]
     page: Path = PAGE
+    sending: Allowance = field(default_factory=lambda: Allowance(_UNREAD_BYTES))
 
 
 PARTS = web.AppKey("parts", Parts)
@@ -156,8 +160,22 @@ async def _map(request: web.Request) -> web.StreamResponse:
     for name, values in (("Mean", made.mean), ("Sd", made.sd)):
         if not np.isnan(values).all():
             headers[f"X-{name}-Range"] = f"{np.nanmin(values):.9g} {np.nanmax(values):.9g}"
-    body = made.mean.astype("<f4").tobytes() + made.sd.astype("<f4").tobytes()
-    return web.Response(body=body, content_type="application/octet-stream", headers=headers)
+    return await _numbers(request, np.stack([made.mean, made.sd]).astype("<f4"), headers)
+
+
+async def _numbers(
+    request: web.Request, values: NDArray[np.float32], headers: dict[str, str]
+) -> web.StreamResponse:
+    """Send an array as it is, piece by piece: what nobody reads is counted while it waits."""
+    answer = web.StreamResponse(headers={**headers, "Content-Type": "application/octet-stream"})
+    answer.content_length = values.nbytes
+    with request.app[PARTS].sending.taken(values.nbytes):
+        await answer.prepare(request)
+        body = memoryview(values.tobytes())
+        for start in range(0, len(body), _PIECE_BYTES):
+            await answer.write(body[start : start + _PIECE_BYTES])
+        await answer.write_eof()
+    return answer
 
 
 async def _predict(request: web.Request) -> web.StreamResponse:

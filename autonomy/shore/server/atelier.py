@@ -6,14 +6,12 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
+from autonomy.shore.server.allowance import BusyError
+
 T = TypeVar("T")
 
 _THREADS = 2
 _MAXIMUM_WAITING = 32
-
-
-class BusyError(Exception):
-    """More is asked for than can be made in time."""
 
 
 class Atelier:

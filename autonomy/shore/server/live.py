@@ -12,6 +12,7 @@ from autonomy.shore.server.plain import dumps
 
 MAXIMUM_CLIENTS = 64
 _QUEUE = 500
+_QUEUE_CHARACTERS = 4_000_000
 _PATIENCE_S = 20.0
 _HEARTBEAT_S = 20.0
 _FLEET_PERIOD_S = 1.0
@@ -30,6 +31,7 @@ class Client:
         self._vehicles = vehicles
         self._newest: dict[tuple[str, str], str] = {}
         self._in_order: deque[str] = deque()
+        self._characters = 0
         self.lost = 0
         self.woken = asyncio.Event()
 
@@ -43,8 +45,9 @@ class Client:
             self._newest[kind, vehicle] = text
         elif self.lost:
             self.lost += 1
-        elif len(self._in_order) < _QUEUE:
+        elif len(self._in_order) < _QUEUE and self._characters + len(text) <= _QUEUE_CHARACTERS:
             self._in_order.append(text)
+            self._characters += len(text)
         else:
             self.lost = len(self._in_order) + 1
             self._in_order.clear()
@@ -54,6 +57,7 @@ class Client:
         texts = [*self._newest.values(), *self._in_order]
         self._newest.clear()
         self._in_order.clear()
+        self._characters = 0
         return texts
 
 

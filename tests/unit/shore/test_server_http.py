@@ -595,6 +595,31 @@ def test_there_are_only_so_many_connections(fleet, monkeypatch):
     asked(scenario, fleet, [guard.middleware()])
 
 
+def test_maps_that_nobody_reads_do_not_fill_the_memory(fleet, monkeypatch):
+    monkeypatch.setattr("autonomy.shore.server.application._UNREAD_BYTES", 20_000_000)
+    path = "/api/vehicle/boat1/map?rows=1000&columns=1000"  # 8 MB each: two find room
+
+    async def scenario(client):
+        deaf = [await asyncio.open_connection(client.host, client.port, limit=1024) for _ in range(10)]
+        refused = 0
+        for stream, writer in deaf:
+            writer.write(f"GET {path} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+            head = await stream.readuntil(b"\r\n\r\n")
+            refused += b" 503 " in head
+        assert refused == 8
+        for _, writer in deaf:
+            writer.transport.abort()
+        for _ in range(1000):
+            async with client.get(path) as answer:
+                if answer.status == 200:
+                    assert len(await answer.read()) == 8_000_000
+                    return
+            await asyncio.sleep(0.01)
+        raise AssertionError("what was taken for those who have gone is not given back")
+
+    asked(scenario, fleet)
+
+
 def test_ten_thousand_names_do_not_push_out_who_is_there(snapshots):
     fleet = Fleet(history_bytes=2**20)
     filled(snapshots, fleet)

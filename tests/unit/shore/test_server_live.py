@@ -46,6 +46,17 @@ def test_what_has_an_order_keeps_it_until_there_is_too_much():
     assert client.take() == []
 
 
+def test_long_messages_are_too_much_sooner():
+    client = Client(None)
+    for _ in range(5):
+        client.put("observations", "boat1", "x" * 1_000_000)
+    assert client.lost == 5
+    client = Client(None)
+    for _ in range(100):
+        client.put("observations", "boat1", "x" * 1_000_000)
+        assert len(client.take()) == 1
+
+
 def test_a_client_hears_of_whom_it_asked_for():
     assert Client(None).wants("boat1")
     assert Client(frozenset({"boat1"})).wants("boat1")
