@@ -14,7 +14,7 @@ from autonomy.learning.snapshot import PRECISIONS
 from autonomy.learning.sparse_gp import SparseOnlineGP
 from autonomy.learning.spatial import SquaredExponential
 from autonomy.learning.temporal import OrnsteinUhlenbeck
-from autonomy.shell.outbox import GATHER_S, MODEL_S, Outbox
+from autonomy.shell.outbox import GATHER_S, INDUCING, MODEL_S, Outbox
 from autonomy.shell.rate_limit import OVERHEAD_BYTES, RateLimit
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "process"))
@@ -121,7 +121,7 @@ def test_on_a_thin_link_the_newest_is_fresh_and_the_rest_comes_in_order(rate: fl
     assert told == [float(second) for second in range(len(told))], "in order, none left out"
     assert len(told) >= 1200 - (GATHER_S + 60.0), "the link is wide enough for a reading a second"
     assert max(waits[3:]) <= 60.0 + MODEL_S, "from one model's moment to the arrival of the next"
-    assert all(precision != "lossless" and size <= 100 for precision, size in coarse)
+    assert all(precision != "lossless" and size <= INDUCING for precision, size in coarse)
 
 
 def test_on_a_wide_enough_link_the_precision_is_what_was_asked_for(model) -> None:
