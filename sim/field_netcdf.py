@@ -24,6 +24,7 @@ from sim.netcdf_coordinates import (
     read_times,
     time_dimension,
 )
+from sim.netcdf_guard import check_readable
 from sim.netcdf_land import LAND_MASKS, land_mask
 from sim.netcdf_values import decode
 
@@ -35,7 +36,7 @@ _DAMAGE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, 
 
 
 def open_netcdf(path: Path, variable: str | None = None) -> GriddedField:
-    """The surface of one variable of a NetCDF file.
+    """The surface of one variable of a NetCDF file, which is tried in a process of its own first.
 
     Raises:
         FieldError: with the file's name and what is missing or wrong in it.
@@ -44,6 +45,12 @@ def open_netcdf(path: Path, variable: str | None = None) -> GriddedField:
         raise FieldError(
             f"{path}: no such file (or give synthetic[:SEED], synthetic-patch[:SEED] or synthetic-moving[:SEED])"
         )
+    check_readable(path, variable, read_unguarded)
+    return read_unguarded(path, variable)
+
+
+def read_unguarded(path: Path, variable: str | None) -> GriddedField:
+    """The same, here and now: a damaged file may hang the library. FieldError as there."""
     try:
         dataset = netCDF4.Dataset(str(path))
     except (OSError, RuntimeError, ValueError) as error:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import cbor2
+import netCDF4
 import numpy as np
 import shapely
 import zstandard
@@ -42,6 +43,8 @@ from autonomy.replay import read_configuration, read_survey_area
 from autonomy.shell import checkpoint
 from autonomy.shell.checkpoint import Checkpoint, CheckpointError
 from autonomy.shell.journal_files import JournalError, read_header
+from sim.field import FieldError
+from sim.field_netcdf import open_netcdf
 
 AREA = [(33.4, -118.6), (33.4, -118.4), (33.6, -118.4), (33.6, -118.6)]
 CONFIGURATION = Configuration.model_validate({"survey": {"area": AREA}})
@@ -60,6 +63,7 @@ class Decoder:
         errors: what it may raise, for anything.
         tokens: what inputs are made of.
         seal: puts mutated content in a frame whose checksum agrees; None: there is none.
+        cost: how many times as costly as others: so many fewer inputs are read.
     """
 
     read: Callable[[bytes], Any]
@@ -67,6 +71,7 @@ class Decoder:
     errors: tuple[type[Exception], ...] = ()
     tokens: Sequence[bytes] = ()
     seal: Callable[[bytes], bytes] | None = None
+    cost: int = 1
 
 
 CBOR_TOKENS = [
@@ -480,6 +485,38 @@ def read_depths(path: Path) -> None:
         shallow_water(path, (-118.6, 33.4, -118.4, 33.6), (-118.65, 33.35, -118.35, 33.65), 10.0, positive)
 
 
+def netcdf() -> list[bytes]:
+    """A small sea in each of the formats; with HDF5, one compressed and chunked."""
+    return [
+        netcdf_file(form, **storage)
+        for form, storage in (
+            ("NETCDF3_CLASSIC", {}),
+            ("NETCDF3_64BIT_OFFSET", {}),
+            ("NETCDF4", {}),
+            ("NETCDF4", {"zlib": True, "chunksizes": (1, 4, 5)}),
+        )
+    ]
+
+
+def netcdf_file(form: str, **storage: Any) -> bytes:
+    path = scratch("sound.nc")
+    with netCDF4.Dataset(path, "w", format=form) as dataset:
+        for name, size in (("time", 2), ("lat", 8), ("lon", 10)):
+            dataset.createDimension(name, size)
+            variable = dataset.createVariable(name, "f8", (name,))
+            variable[:] = np.arange(size) * (3600.0 if name == "time" else 0.01)
+            variable.units = {
+                "time": "seconds since 2020-01-01",
+                "lat": "degrees_north",
+                "lon": "degrees_east",
+            }[name]
+        salt = dataset.createVariable("salt", "i2", ("time", "lat", "lon"), fill_value=-999, **storage)
+        salt.setncatts({"scale_factor": 0.01, "add_offset": 30.0, "units": "1e-3"})
+        salt.set_auto_maskandscale(False)
+        salt[:] = np.arange(160).reshape(2, 8, 10)
+    return path.read_bytes()
+
+
 def read_key(data: bytes) -> None:
     for form in ("passphrase", "key"):
         try:
@@ -578,6 +615,23 @@ NUMBER_TOKENS = [
 ]
 
 
+NETCDF_TOKENS = [
+    *(
+        b"CDF\x01",
+        b"CDF\x02",
+        b"CDF\x05",
+        b"\x89HDF\r\n\x1a\n",
+        b"OHDR",
+        b"FRHP",
+        b"BTHD",
+        b"OCHK",
+        b"TREE",
+        b"SNOD",
+    ),
+    *(b"\xff" * 8, bytes(8), b"\x00\x00\x00\x0c", b"_FillValue", b"scale_factor", b"days since 0000-00-00"),
+]
+
+
 def wire_decoder(topic: Topic) -> Decoder:
     return Decoder(
         lambda data: wire.decode(topic, data), lambda: [payload(topic)], (wire.WireError,), CBOR_TOKENS
@@ -647,5 +701,8 @@ DECODERS: dict[str, Decoder] = {
     "kml": Decoder(polygons("a.kml", "area"), kml, (SurveyError,), KML_TOKENS),
     "kmz": Decoder(polygons("a.kmz", "area"), kml, (SurveyError,), KML_TOKENS, kmz_of),
     "depth": Decoder(reader_of("depth.asc", read_depths), depth_grid, (SurveyError,), NUMBER_TOKENS),
+    "netcdf": Decoder(
+        reader_of("damaged.nc", open_netcdf), netcdf, (FieldError,), NETCDF_TOKENS, cost=10
+    ),
     "key": Decoder(read_key, lambda: [b"a phrase\n", b"ab" * 32, bytes(32)], (), [b"\n", b"\r\n"]),
 }
