@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cbor2
+import numpy as np
 import pytest
 import zenoh
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -18,7 +20,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 sys.path.insert(0, str(Path(__file__).parent))
 from at_sea import VEHICLE, VESSEL, configure, operating
 from processes import Processes, free_port, wait_until
-from shore_helpers import SOON_S, health_notice, observation, plan_notice
+from shore_helpers import SOON_S, health_notice, learnt_model, model_snapshot, observation, plan_notice
 
 from autonomy.effects import Topic
 from autonomy.endpoints import Certificates, session_settings
@@ -27,6 +29,7 @@ from autonomy.mavlink.signing import Signing, SigningKey
 from autonomy.shell import publisher as publisher_module
 from autonomy.shell.publisher import Publisher
 from autonomy.shore.subscriber import Subscriber
+from autonomy.wire import VERSION
 
 pytestmark = pytest.mark.process
 
@@ -86,7 +89,7 @@ def certificates(papers: Path, name: str | None, trusts: Path | None = None) -> 
 def session(mode: Any, address: str, papers: Certificates) -> Any:
     config = zenoh.Config()
     settings = session_settings(mode, connect=[address], certificates=papers)
-    for path, value in {**settings, "timestamping/enabled": True}.items():
+    for path, value in settings.items():
         config.insert_json5(path, json.dumps(value))
     return opened(config)
 
@@ -190,40 +193,39 @@ def test_a_boat_tells_a_foreign_router_nothing(papers: Path, foreign: Path) -> N
                 assert boat.status.trouble.startswith("not connected")
 
 
-def test_boats_do_not_hear_each_other_and_what_an_advanced_publisher_keeps_is_had(papers: Path) -> None:
-    """Its cache and its heartbeats have keys that ** does not stand for."""
+def test_the_shore_may_ask_a_boat_and_boats_neither_hear_nor_ask_each_other(papers: Path) -> None:
     address = f"tls/127.0.0.1:{free_port()}"
-    late: list[tuple[str, bytes]] = []
+    request = cbor2.dumps({"v": VERSION, "points_deg": cbor2.CBORTag(86, np.array([34.4, -120.5]).tobytes())})
+    model, _ = learnt_model()
     overheard: list[str] = []
     with (
         guarded_router(papers, address),
-        session("peer", address, certificates(papers, "boat1")) as boat,
+        publishing("boat1", address, certificates(papers, "boat1")) as boat,
         session("client", address, certificates(papers, "boat2")) as other,
+        session("client", address, certificates(papers, "shore")) as ashore,
     ):
         for key in ("**", "usv/boat1/**", "usv/boat1/observations"):
             other.declare_subscriber(key, lambda sample: overheard.append(str(sample.key_expr)))
-        kept = [
-            zenoh.ext.declare_advanced_publisher(
-                boat, key, cache=zenoh.ext.CacheConfig(10), publisher_detection=True
+        boat.publish(Topic.MODEL, model_snapshot(model))
+        boat.publish(Topic.OBSERVATIONS, tuple(map(observation, range(5))))
+        questions = {"usv/boat1/observations?from=0;count=9": None, "usv/boat1/predict": request}
+        for question, payload in questions.items():
+            # The query finds the boat as soon as the router knows that it answers.
+            wait_until(
+                lambda question=question, payload=payload: [
+                    reply for reply in ashore.get(question, payload=payload, timeout=5.0) if reply.ok
+                ],
+                what=f"an answer to {question}",
             )
-            for key in ("usv/boat1/observations", "usv/boat2/observations")
-        ]
-        wait_until(lambda: list(boat.info.routers_zid()), what="the connection")
-        for number in range(5):
-            for publisher in kept:
-                publisher.put(str(number))
-        with session("client", address, certificates(papers, "shore")) as ashore:
-            zenoh.ext.declare_advanced_subscriber(
-                ashore,
-                "usv/*/observations",
-                lambda sample: late.append((str(sample.key_expr), bytes(sample.payload))),
-                history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=10),
-            )
-            wait_until(lambda: len(late) >= 5, what="what was kept")
+            assert [reply for reply in other.get(question, payload=payload, timeout=1.0) if reply.ok] == []
+        publish_all(boat)
+        time.sleep(0.5)
+        assert overheard == []
+        with Subscriber("boat1", [address], certificates=certificates(papers, "shore")) as shore:
+            wait_until(lambda: shore.latest("boat1").health, what="the boat's health")
+            other.put("usv/boat1/plan", b"false")
             time.sleep(0.5)
-        assert [reply for reply in other.get("usv/boat1/**", timeout=1.0) if reply.ok] == []
-    assert late == [("usv/boat1/observations", str(number).encode()) for number in range(5)]
-    assert overheard == []
+            assert shore.counters.refused == 0
 
 
 class Stranger:
