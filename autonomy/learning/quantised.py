@@ -84,7 +84,8 @@ def _root(S: FloatArray, step: float) -> FloatArray:
 
 def _within_prior(S: FloatArray) -> FloatArray:
     """S without what its eigenvalues have above 1."""
-    if not len(S):
+    _, above = dpotrf(np.eye(len(S)) - S, lower=1) if len(S) else (None, 0)
+    if not above:
         return S
     values, vectors = eigh(S, subset_by_value=(1.0, np.inf))
     S -= (vectors * (values - 1.0)) @ vectors.T

@@ -32,34 +32,32 @@ from typing import Any, Literal, get_args
 import cbor2
 import numpy as np
 import zstandard
-from scipy.linalg import solve_triangular
 
 from autonomy import plain_cbor
-from autonomy.learning.agreement import StatedError, difference
+from autonomy.learning.agreement import StatedError
 from autonomy.learning.basis import prior_factors
-from autonomy.learning.field_model import FieldModel, field_coordinates
+from autonomy.learning.field_model import FieldModel
 from autonomy.learning.inducing import standing, thinned
-from autonomy.learning.invariants import broken
 from autonomy.learning.kernel import Kernel
-from autonomy.learning.numbers import FloatArray
-from autonomy.learning.packing import PackingError, pack, pack_fixed, unpack, unpack_fixed, width_of
-from autonomy.learning.quantised import Bits, Quantised, quantised, root_step
+from autonomy.learning.quantised import Bits
 from autonomy.learning.snapshot_parts import (
     Document,
     SnapshotError,
-    array,
     basis_from,
     basis_parts,
     bounded,
     component_map,
-    from_triangle,
     kernel_from,
-    list_of,
     number,
     transform_from,
     transform_map,
-    triangle,
-    typed,
+)
+from autonomy.learning.snapshot_state import (
+    coarse_from,
+    coarse_parts,
+    lossless_from,
+    lossless_parts,
+    stated_from,
 )
 
 __all__ = [
@@ -86,9 +84,6 @@ MAXIMUM_STATES = 1200
 _MAXIMUM_ITEMS = 10_000
 _MAXIMUM_DEPTH = 8
 _BITS = {"16 bit": Bits(20, 14), "12 bit": Bits(16, 10), "8 bit": Bits(12, 7)}
-# How far L Lᵀ may be from what it factors, in jitters and in σ²: beyond, variances could become negative.
-_FACTOR_SLACK = (0.5, 1e-12)
-
 Scalar = str | int | float | bool
 
 
@@ -154,7 +149,9 @@ def encode(
         "transform": transform_map(model.transform),
         "basis": basis_parts(small.basis),
         "metadata": notes,
-        **(_lossless(model) if precision == "lossless" else _coarse(model, small, _BITS[precision])),
+        **(
+            lossless_parts(model) if precision == "lossless" else coarse_parts(model, small, _BITS[precision])
+        ),
     }
     return zstandard.ZstdCompressor(level=3, write_checksum=True).compress(cbor2.dumps(document))
 
@@ -186,58 +183,8 @@ def read(data: bytes) -> Snapshot:
         _model(document, kernel, precision),
         _metadata(document.get("metadata")),
         precision,
-        StatedError() if precision == "lossless" else _stated(document),
+        StatedError() if precision == "lossless" else stated_from(document),
         kernel,
-    )
-
-
-def _lossless(model: FieldModel) -> Document:
-    return {
-        "factors": [triangle(factor) for factor in model.factors],
-        "mean": typed(model.whitened_mean),
-        "covariance": triangle(model.whitened_covariance),
-    }
-
-
-def _coarse(model: FieldModel, small: FieldModel, bits: Bits) -> Document:
-    """The nowcast of `small`, which stands for `model`."""
-    factors = prior_factors(small.basis, small.kernel, small.jitter)
-    state = quantised(*_whitened(small, factors), bits)
-    error = difference(model, _nowcast(small, factors, *state.state()))
-    width = width_of(state.mean)
-    return {
-        "thinned": small is not model,
-        "mean": [state.mean_step, width, pack_fixed(state.mean, width)],
-        "root": list(pack(state.root)),
-        "error": [error.mean, error.sd],
-    }
-
-
-def _whitened(model: FieldModel, factors: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:
-    """μ and S of the field, with respect to the `factors` that the other end will compute from the basis."""
-    m, field = len(model), field_coordinates(model.kernel, len(model))
-    mean = model.whitened_mean[field]
-    covariance = model.whitened_covariance[np.ix_(field, field)]
-    if m:
-        for g, fresh in enumerate(factors):
-            block = slice(g * m, (g + 1) * m)
-            change = solve_triangular(fresh, model.factors[g], lower=True)
-            mean[block] = change @ mean[block]
-            covariance[block] = change @ covariance[block]
-            covariance[:, block] = covariance[:, block] @ change.T
-    return mean, covariance
-
-
-def _nowcast(
-    like: FieldModel, factors: tuple[FloatArray, ...], mean: FloatArray, covariance: FloatArray
-) -> FieldModel:
-    """The model with μ (n,) and S (n, n) of the field, the rates of change as the prior has them."""
-    field, size = field_coordinates(like.kernel, len(like.basis)), len(like.basis) * like.kernel.states
-    whole_mean, whole = np.zeros(size), np.eye(size)
-    whole_mean[field] = mean
-    whole[np.ix_(field, field)] = covariance
-    return FieldModel(
-        like.kernel, like.prior_mean, like.jitter, like.basis, factors, whole_mean, whole, like.transform
     )
 
 
@@ -270,76 +217,17 @@ def _model(document: Document, believed: Kernel, precision: Precision) -> FieldM
     transform, jitter = transform_from(document.get("transform")), number(document, "jitter")
     if not 0 < jitter <= 1e-2:
         raise SnapshotError(f"jitter: {jitter!r} is not in (0, 0.01]")
-    prior = FieldModel.prior(kernel, bounded(document, "prior_mean"), jitter)
+    prior_mean = bounded(document, "prior_mean")
     basis = basis_from(document, kernel.dimensions, MAXIMUM_STATES // kernel.states)
     try:
         factors = prior_factors(basis, kernel, jitter)
     except np.linalg.LinAlgError as error:
         raise SnapshotError(f"basis: its covariance is singular ({error})") from error
-    blank = FieldModel(
-        kernel, prior.prior_mean, jitter, basis, factors, *_prior_state(len(basis) * kernel.states), transform
-    )
+    size = len(basis) * kernel.states
+    blank = FieldModel(kernel, prior_mean, jitter, basis, factors, np.zeros(size), np.eye(size), transform)
     if precision == "lossless":
-        return _lossless_model(document, blank)
-    state = _quantised(document, len(basis) * len(kernel.groups), _BITS[precision])
-    return _nowcast(blank, factors, *state.state())
-
-
-def _prior_state(size: int) -> tuple[FloatArray, FloatArray]:
-    return np.zeros(size), np.eye(size)
-
-
-def _lossless_model(document: Document, blank: FieldModel) -> FieldModel:
-    """`blank` with what has been learnt. Raises SnapshotError if that is no posterior."""
-    size, m = len(blank.whitened_mean), len(blank)
-    mean = array(document.get("mean"), "mean", size)
-    covariance = from_triangle(document.get("covariance"), "covariance", size)
-    covariance += np.tril(covariance, -1).T
-    fault = broken(np.asfortranarray(np.vstack([covariance, mean])))
-    if fault is not None:
-        raise SnapshotError(f"covariance: {fault}")
-    given = document.get("factors")
-    if not isinstance(given, list) or len(given) != len(blank.factors):
-        raise SnapshotError(f"factors: a list of {len(blank.factors)} was expected")
-    factors = []
-    for g, (value, fresh, group) in enumerate(zip(given, blank.factors, blank.kernel.groups, strict=True)):
-        factor = np.asfortranarray(from_triangle(value, f"factors[{g}]", m))
-        apart = np.linalg.norm(factor @ factor.T - fresh @ fresh.T)
-        if not apart <= max(_FACTOR_SLACK[0] * blank.jitter, _FACTOR_SLACK[1]) * group.variance:
-            raise SnapshotError(f"factors[{g}]: it does not factor the covariance of the basis")
-        factors.append(factor)
-    return FieldModel(
-        blank.kernel,
-        blank.prior_mean,
-        blank.jitter,
-        blank.basis,
-        tuple(factors),
-        mean,
-        covariance,
-        blank.transform,
-    )
-
-
-def _quantised(document: Document, n: int, bits: Bits) -> Quantised:
-    mean_step, width, mean = list_of(document, "mean", (float, int, bytes))
-    lengths, root = list_of(document, "root", (bytes, bytes))
-    if not 0.0 < mean_step <= 1e9:
-        raise SnapshotError(f"mean: {mean_step!r} is no step")
-    try:
-        steps = unpack_fixed(mean, width, n)
-    except PackingError as error:
-        raise SnapshotError(f"mean: {error}") from None
-    try:
-        return Quantised(steps, mean_step, unpack(lengths, root, n * (n + 1) // 2), root_step(bits))
-    except PackingError as error:
-        raise SnapshotError(f"root: {error}") from None
-
-
-def _stated(document: Document) -> StatedError:
-    mean, sd = list_of(document, "error", (float, float))
-    if not (0.0 <= mean <= 1e9 and 0.0 <= sd <= 1e9):
-        raise SnapshotError(f"error: {mean!r} and {sd!r} are no shares of the field's deviation")
-    return StatedError(mean, sd)
+        return lossless_from(document, blank)
+    return coarse_from(document, blank, _BITS[precision])
 
 
 def _flag(document: Document, name: str) -> bool:
