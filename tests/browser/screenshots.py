@@ -89,9 +89,15 @@ def look(browser: Browser, url: str, name: str, folder: Path) -> None:
         page.mouse.move(box["x"] + pointer[0] * box["width"], box["y"] + pointer[1] * box["height"])
         page.locator('.probe[data-source="predict"]').wait_for()
     picture = folder / f"{name}.png"
-    # Colours to the nearest fifth level: nobody sees it, and a third of the bytes are saved.
-    pixels = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"), dtype=float)
-    Image.fromarray((5.0 * np.round(pixels / 5.0)).astype(np.uint8)).save(picture, optimize=True)
+    pixels = np.array(Image.open(io.BytesIO(page.screenshot())).convert("RGB"))
+    for surface in page.locator(".surface").all():
+        box = surface.bounding_box()
+        assert box is not None
+        left, top = round(box["x"]), round(box["y"])
+        part = pixels[top : top + round(box["height"]), left : left + round(box["width"])]
+        # The maps' colours to the nearest sixth level: nobody sees it, and a third of the bytes are saved.
+        part[...] = np.minimum(255, 6 * np.round(part / 6.0)).astype(np.uint8)
+    Image.fromarray(pixels).save(picture, optimize=True)
     size = picture.stat().st_size
     print(f"{picture}: {size / 1000:.0f} kB")
     assert size <= _LARGEST_BYTES, f"{picture} is larger than {_LARGEST_BYTES} bytes"

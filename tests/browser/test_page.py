@@ -222,6 +222,57 @@ def test_a_tap_on_a_phone_tells_the_value(visit, station):
         assert tag["x"] + tag["width"] <= 360
 
 
+def test_two_fingers_zoom_on_a_phone(visit, station):
+    with MadeUpVessel("pinch", station.endpoint) as vessel:
+        vessel.sail(90)
+        heard_of(station, "pinch", 1)
+        opened = visit("#show=pinch", width=360, height=740, touch=True)
+        opened.wait_for_maps()
+        box = opened.page.locator(DRAWN.format("pinch", "mean")).bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        hand = opened.page.context.new_cdp_session(opened.page)
+
+        def touch(kind: str, apart: float) -> None:
+            fingers = [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
+            touched = [] if kind == "touchEnd" else fingers
+            hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touched})
+
+        with opened.page.expect_response(finer_than(0.6 * 0.13)):
+            touch("touchStart", 20.0)
+            for step in range(1, 9):
+                touch("touchMove", 20.0 + 10.0 * step)
+            touch("touchEnd", 100.0)
+        # The page itself has neither moved nor grown.
+        assert opened.page.evaluate("() => [visualViewport.scale, scrollX]") == [1, 0]
+
+
+def finer_than(degrees: float):
+    """Whether an answer is a map of less than so many degrees of longitude."""
+
+    def judge(answer) -> bool:
+        query = urllib.parse.parse_qs(answer.url.partition("?")[2])
+        return "/map?" in answer.url and float(query["east"][0]) - float(query["west"][0]) < degrees
+
+    return judge
+
+
+def test_the_history_can_be_played(visit, station):
+    with MadeUpVessel("player", station.endpoint) as vessel:
+        for sequence in range(1, 5):
+            vessel.sail(40)
+            heard_of(station, "player", sequence)
+        stops = asked(station, "api/vehicle/player/history")["models"]
+        opened = visit("#show=player")
+        opened.wait_for_maps()
+        opened.page.get_by_role("button", name="Play the history").click()
+        opened.page.locator('.live-button[aria-pressed="false"]').wait_for()
+        # It ends with what is now, having asked for what was.
+        opened.page.locator('.live-button[aria-pressed="true"]').wait_for()
+        opened.page.get_by_role("button", name="Play the history").wait_for()
+        opened.wait_for_maps(moment="now")
+        assert any(f"at={stop!r}" in url for stop in stops[:-1] for url in opened.addresses)
+
+
 def luminance(opened) -> float:
     red, green, blue = map(
         int,
@@ -275,20 +326,11 @@ def test_zooming_asks_for_finer_cells(visit, station):
         opened.wait_for_maps()
         box = opened.page.locator(DRAWN.format("lens", "mean")).bounding_box()
         opened.page.mouse.move(box["x"] + 0.4 * box["width"], box["y"] + 0.5 * box["height"])
-        with opened.page.expect_response(
-            lambda answer: "/map?" in answer.url and "south=34.400" not in answer.url
-        ):
+        with opened.page.expect_response(finer_than(0.3 * 0.13)):
             for _ in range(6):
                 opened.page.mouse.wheel(0, -300)
         said = pointed(opened, "lens", "mean", 0.41, 0.52)
         assert float(said["mean"]) == pytest.approx(of_model(model, said)[0], abs=1e-6)
-        widths = [
-            float(query["east"][0]) - float(query["west"][0])
-            for query in (
-                urllib.parse.parse_qs(url.partition("?")[2]) for url in opened.addresses if "/map?" in url
-            )
-        ]
-        assert min(widths) < 0.2 * max(widths)
 
 
 def test_states_that_are_not_the_usual_one_are_said(visit, station):

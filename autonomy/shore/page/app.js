@@ -32,7 +32,7 @@ class Page {
   async start() {
     this.live.addEventListener("news", (event) => this.fleet.take(event.detail));
     this.live.addEventListener("open", () => this.opened());
-    this.live.addEventListener("closed", () => { this.lost ??= Date.now(); this.tick(); });
+    this.live.addEventListener("closed", () => this.closed());
     this.fleet.addEventListener("list", () => this.arrange());
     setInterval(() => this.tick(), 1000);
     this.tick();
@@ -65,6 +65,13 @@ class Page {
     } catch {
       // The line will break and be dialled again, or the next news make up for it.
     }
+  }
+
+  closed() {
+    this.lost ??= Date.now();
+    this.tick();
+    // A line that is refused may mean that the token has changed: an answer says so, and leads to the login.
+    api.vehicles().catch(() => {});
   }
 
   wanted() {

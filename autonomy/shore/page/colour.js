@@ -3,6 +3,8 @@
 import { fixed, withUnit } from "./format.js";
 import { roundTicks, stepDecimals } from "./ticks.js";
 
+const MOST_SORTED = 20_000; // of so many cells the extremes are known well enough
+
 let maps = null;
 
 /** The tables that the server has: name → 256 × [r, g, b]. */
@@ -20,9 +22,10 @@ export function mapNames(variable) {
 
 export const table = (name) => maps[name];
 
-/** Range of a map in round numbers: `low` and `high` lie on ticks' fractions, never closer than makes sense. */
+/** The values that the ends of the colours stand for, never closer together than makes sense; null without a map. */
 export function rangeOf(values, fromZero) {
-  const finite = Float32Array.from(values).filter(Number.isFinite).sort();
+  const stride = Math.ceil(values.length / MOST_SORTED);
+  const finite = values.filter((value, index) => index % stride === 0 && Number.isFinite(value)).sort();
   if (!finite.length) return null;
   // A handful of cells at the rim shall not take the colours from all the others.
   const at = (share) => finite[Math.min(finite.length - 1, Math.floor(share * finite.length))];
@@ -72,7 +75,7 @@ export function drawBar(canvas, range, colours, ink, mark) {
     pen.fillRect(strip.left + x, strip.top, 1.5, strip.height);
   }
   const place = (value) => strip.left + ((value - range.low) / (range.high - range.low)) * strip.width;
-  const { step, values } = levels(range, Math.max(2, Math.min(6, Math.floor(width / 60))));
+  const { step, values } = levels(range, Math.max(2, Math.min(7, Math.floor(width / 46))));
   const decimals = stepDecimals(step);
   pen.fillStyle = ink;
   pen.strokeStyle = ink;

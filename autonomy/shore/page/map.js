@@ -161,8 +161,8 @@ export class FieldMap {
     if (layers.basis) overlay.drawBasis(pen, view, basis);
     if (layers.track) overlay.drawTrack(pen, view, track);
     if (layers.plan && plan) overlay.drawPlan(pen, view, plan);
-    if (vessel) overlay.drawVessel(pen, view, vessel);
     overlay.drawScale(pen, view, font);
+    if (vessel) overlay.drawVessel(pen, view, vessel);
     if (probe.place) overlay.drawCross(pen, view, probe.place);
   }
 }

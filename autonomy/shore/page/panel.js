@@ -76,6 +76,7 @@ export class Panel {
   /** Gone from the page. */
   dispose() {
     this.vehicle.removeEventListener("change", this.listener);
+    this.charts.dispose();
     this.element.remove();
   }
 

@@ -97,10 +97,15 @@ export class Charts {
     });
   }
 
-  /** The colours have changed. */
-  restyle() {
+  /** Nobody will look any more. */
+  dispose() {
     for (const plot of this.#plots) plot?.destroy();
     this.#plots = [];
+  }
+
+  /** The colours have changed. */
+  restyle() {
+    this.dispose();
     if (this.data) this.update(this.data, this.stamp);
   }
 
@@ -121,7 +126,7 @@ export class Charts {
       return {
         label: lines.names[index], stroke, width: reference ? 1 : 1.7, dash: reference ? DASH : undefined, spanGaps: true,
         points: lines.points ? { show: true, size: 6, fill: stroke } : { show: false },
-        ...(lines.points ? { paths: uPlot.paths.bars({ size: [0.35, 5] }), fill: stroke } : {}),
+        ...(lines.points ? { paths: uPlot.paths.bars({ size: [0.1, 3] }), fill: stroke } : {}),
       };
     });
     const span = () => {

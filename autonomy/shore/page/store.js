@@ -29,7 +29,7 @@ export class Vehicle extends EventTarget {
   async #fetch() {
     const [all, history] = await Promise.all([api.latest(this.name), api.history(this.name)]);
     const { survey, model, plan, health, track, log } = all;
-    Object.assign(this, { survey, model, plan, health, track, log, history });
+    Object.assign(this, { survey, model, plan, health, track: track.filter(placed), log, history });
     this.#tell("all");
   }
 
@@ -51,13 +51,16 @@ export class Vehicle extends EventTarget {
 
   take(kind, data) {
     this.heard = Date.now();
-    // News that overtake the first answer are in it.
-    if (!this.history) return;
+    // News that overtake the first answer are in it; and should it have failed, they are the time to ask again.
+    if (!this.history) {
+      this.load().catch(() => {});
+      return;
+    }
     if (kind === "model") this.#takeModel(data);
     else if (kind === "plan") this.#takePlan(data);
     else if (kind === "health") this.health = data;
     else if (kind === "survey") this.survey = data;
-    else if (kind === "observations") this.track = thinned([...this.track, ...data]);
+    else if (kind === "observations") this.track = thinned([...this.track, ...data.filter(placed)]);
     else if (kind === "log") this.log = [...this.log, ...(Array.isArray(data) ? data : [data])].slice(-LOG_LINES);
     else return;
     this.#tell(kind);
@@ -89,6 +92,8 @@ export class Vehicle extends EventTarget {
     this.dispatchEvent(new CustomEvent("change", { detail: kind }));
   }
 }
+
+const placed = ([, lat, lon]) => Number.isFinite(lat) && Number.isFinite(lon);
 
 /** Of too long a track every second row goes, the newest hundred excepted. */
 function thinned(track) {

@@ -4,6 +4,9 @@
 const METRES_PER_DEGREE = 111_195;
 const NEAREST = 4000; // how much closer than the whole survey one may look
 
+// Degrees of longitude between two places, the short way round: also across the antimeridian.
+const nearer = (degrees) => ((((degrees + 180) % 360) + 360) % 360) - 180;
+
 export class View extends EventTarget {
   constructor() {
     super();
@@ -61,7 +64,7 @@ export class View extends EventTarget {
   get centreX() { return (this.width + this.margins.left - this.margins.right) / 2; }
   get centreY() { return (this.height + this.margins.top - this.margins.bottom) / 2; }
 
-  x(lon) { return this.centreX + ((lon - this.lon) * METRES_PER_DEGREE * this.cosine) / this.metresPerPixel; }
+  x(lon) { return this.centreX + (nearer(lon - this.lon) * METRES_PER_DEGREE * this.cosine) / this.metresPerPixel; }
   y(lat) { return this.centreY - ((lat - this.lat) * METRES_PER_DEGREE) / this.metresPerPixel; }
   lonAt(x) { return this.lon + ((x - this.centreX) * this.metresPerPixel) / (METRES_PER_DEGREE * this.cosine); }
   latAt(y) { return this.lat - ((y - this.centreY) * this.metresPerPixel) / METRES_PER_DEGREE; }
