@@ -235,7 +235,7 @@ def _write(
     if "trajectory" in files:
         from autonomy.export.netcdf_trajectory import write_trajectory
 
-        count = write_trajectory(files["trajectory"], archive, subject.variable, subject.units, about)
+        count = write_trajectory(files["trajectory"], archive, subject, about)
         yield "trajectory", f"{count} readings"
     if "geojson" in files:
         yield "geojson", f"{write_geojson(files['geojson'], archive)} features"

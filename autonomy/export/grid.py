@@ -20,7 +20,7 @@ USUAL_CELLS = 200
 MOST_CELLS = 4_000_000
 _EDGE_POINTS = 50
 _SAME_SHARE = 0.02
-"""Of its longer side: by how much the bounds of one survey differ at most, in degrees here and in metres there."""
+"""Of its longer side: by how much a survey's bounds differ from those of its outline as it was told, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +85,15 @@ def told_water(notices: Sequence[SurveyNotice], subject: Subject) -> BaseGeometr
 
     Of several notices the last counts that is of this survey: of its variable, and with its bounds.
     """
-    south, north, west, east = _outline(subject)
-    slack = _SAME_SHARE * max(north - south, east - west)
+    x_min, y_min, x_max, y_max = subject.bounds_m
+    slack_m = _SAME_SHARE * max(x_max - x_min, y_max - y_min)
     for notice in reversed(notices):
-        near = np.abs(np.subtract(notice.bounds_deg, (south, west, north, east))) <= slack
-        if notice.variable == subject.variable and notice.area and near.all():
-            shapes = (_shape(rings, subject.frame) for rings in (notice.area, notice.land, notice.keep_out))
-            area, land, keep_out = shapes
+        area, land, keep_out = (
+            _shape(rings, subject.frame) for rings in (notice.area, notice.land, notice.keep_out)
+        )
+        if notice.variable != subject.variable or area.is_empty:
+            continue
+        if np.abs(np.subtract(area.bounds, subject.bounds_m)).max() <= slack_m:
             return shapely.difference(area, shapely.union(land, keep_out))
     return None
 

@@ -22,7 +22,7 @@ from autonomy.export.netcdf import (
     measured,
     name_of,
 )
-from autonomy.export.values import ExportError, Readings
+from autonomy.export.values import ExportError, Readings, Subject
 from autonomy.quality import Check, Flag
 
 _CHUNK = 4096
@@ -48,7 +48,7 @@ _STANDARD_NAMES: Mapping[Check, str] = {
 }
 
 
-def write_trajectory(path: Path, archive: Archive, variable: str, units: str, about: About) -> int:
+def write_trajectory(path: Path, archive: Archive, subject: Subject, about: About) -> int:
     """Write all readings, some thousands in memory at a time; returns how many.
 
     Raises:
@@ -56,7 +56,7 @@ def write_trajectory(path: Path, archive: Archive, variable: str, units: str, ab
         OSError: the file can't be written.
     """
     with creating(path) as dataset:
-        writer = _Writer(dataset, variable, units, about)
+        writer = _Writer(dataset, subject, about)
         for part in archive.readings():
             writer.put(part)
         if not writer.count:
@@ -68,12 +68,14 @@ def write_trajectory(path: Path, archive: Archive, variable: str, units: str, ab
 class _Writer:
     """One file being written."""
 
-    def __init__(self, dataset: netCDF4.Dataset, variable: str, units: str, about: About) -> None:
+    def __init__(self, dataset: netCDF4.Dataset, subject: Subject, about: About) -> None:
+        variable, units = subject.variable, subject.units
         self._dataset, self._variable, self._about = dataset, variable, about
         self.count = 0
         self._extent = Extent(math.inf, -math.inf, math.inf, -math.inf, math.inf, -math.inf)
         self._times_s: list[float] = []
-        self._east_of: float | None = None
+        # Longitudes go on past 180 where the survey lies across it, as those of its map.
+        self._east_of = subject.frame.origin_lon_deg - 180.0
         dataset.createDimension("obs", None)
         letters = about.vehicle.encode()
         dataset.createDimension("trajectory_strlen", len(letters))
@@ -129,19 +131,13 @@ class _Writer:
             if name == "value":
                 values = np.ma.masked_invalid(values)
             elif name == "lon_deg":
-                values = self._unwrapped(values)
+                values = values - 360.0 * np.floor((values - self._east_of) / 360.0)
                 self._widen(part, values)
             variable[rows] = values
         for check, variable in self._tests.items():
             variable[rows] = part.checks[:, check]
         self.count += len(part)
         self._times_s.extend(part.utc_s[: max(0, _FEW_TIMES - len(self._times_s))].tolist())
-
-    def _unwrapped(self, lon_deg: Any) -> Any:
-        """Longitudes without a jump where the track crosses the antimeridian."""
-        if self._east_of is None:
-            self._east_of = float(lon_deg[0]) - 180.0
-        return lon_deg - 360.0 * np.floor((lon_deg - self._east_of) / 360.0)
 
     def _widen(self, part: Readings, lon_deg: Any) -> None:
         old = self._extent

@@ -1,6 +1,7 @@
 """What can't be exported is refused with a reason and an exit code, and leaves no file behind."""
 
 import importlib.util
+import json
 import random
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,7 +16,7 @@ from told import LATE_S, RUN, UTC_S, Told, health, record
 
 from autonomy import cli
 from autonomy.shore.recording import Recorder
-from autonomy.wire import HealthNotice, LogBatch, ModelSnapshot, ObservationBatch, encode
+from autonomy.wire import HealthNotice, LogBatch, ModelSnapshot, ObservationBatch, SurveyNotice, encode
 
 Export = Callable[..., tuple[int, str]]
 
@@ -306,3 +307,45 @@ def test_health_without_a_clock_dates_nothing(tmp_path: Path, export: Export) ->
     code, said = export(tmp_path / "recording", "--csv", tmp_path / "a.csv")
     assert code == 65
     assert "there is no model" in said
+
+
+def test_a_survey_across_the_antimeridian_is_in_one_piece(told: Told, tmp_path: Path, export: Export) -> None:
+    def moved(lon_deg: float) -> float:
+        return (lon_deg + 120.5 + 179.93 + 180.0) % 360.0 - 180.0
+
+    def ring(corners: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+        return tuple((lat, moved(lon)) for lat, lon in corners)
+
+    messages: list[tuple[float, object]] = []
+    for at, value in told.messages:
+        match value:
+            case ModelSnapshot():
+                value = replace(value, origin_lon_deg=179.93)
+            case HealthNotice():
+                value = replace(value, lon_deg=moved(value.lon_deg))
+            case ObservationBatch():
+                value = replace(value, items=tuple(replace(i, lon_deg=moved(i.lon_deg)) for i in value.items))
+            case SurveyNotice():
+                rings = {name: tuple(map(ring, getattr(value, name))) for name in ("area", "land")}
+                value = replace(value, **rings)
+        messages.append((at, value))
+    source = record(tmp_path / "recording", messages)  # type: ignore[arg-type]
+    files = [tmp_path / name for name in ("a.nc", "t.nc", "a.json")]
+    words = [
+        word for pair in zip(("--netcdf", "--trajectory", "--geojson"), files, strict=True) for word in pair
+    ]
+    assert export(source, *words) == (0, "")
+    with xr.open_dataset(files[0]) as maps, xr.open_dataset(files[1]) as track:
+        for lon in (maps.lon.values, track.lon.values):
+            assert 179.9 < lon.min() < 180.0 < lon.max() < 180.1
+        assert (np.diff(maps.lon) > 0).all()
+        assert np.abs(np.diff(track.lon)).max() < 0.01
+        # The island is where it was.
+        assert "missing" in maps.attrs["land"]
+        assert np.isnan(
+            maps.sea_water_practical_salinity[-1].sel(lat=34.436, lon=179.93 + 0.0653, method="nearest")
+        )
+    lines = [each["geometry"] for each in json.loads(files[2].read_text())["features"]]
+    (first, *_) = lines
+    assert first["type"] == "MultiLineString"
+    assert all(abs(lon) <= 180.0 for part in first["coordinates"] for lon, _ in part)
