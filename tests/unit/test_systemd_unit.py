@@ -11,9 +11,12 @@ import pytest
 
 from autonomy.commands import run as run_command
 from autonomy.commands.configuration import EXIT_CONFIGURATION
+from autonomy.config import load
+from autonomy.config.private import PrivateFileError, read_private
 
 UNIT = Path(__file__).parents[2] / "systemd" / "halocline@.service"
 DROP_IN = UNIT.with_name("serial.conf")
+SECRETS = {"signing": UNIT.with_name("signing.conf"), "tls": UNIT.with_name("tls.conf")}
 
 
 def settings(file: Path) -> dict[str, list[str]]:
@@ -74,7 +77,7 @@ def analyze() -> str:
 
 
 def installed(folder: Path, unit_text: str, drop_in_text: str = "") -> Path:
-    """The unit with its drop-in in a folder; its program is one that exists here."""
+    """The unit with a drop-in in a folder; its program is one that exists here."""
     unit = folder / UNIT.name
     unit.write_text(unit_text.replace("/opt/halocline/bin/autonomy", shutil.which("true") or "/bin/true"))
     drop_in = folder / f"{UNIT.name}.d" / DROP_IN.name
@@ -90,8 +93,46 @@ def verdict(analyze: str, unit: Path) -> str:
     return done.stdout + done.stderr
 
 
-def test_systemd_understands_the_unit_and_its_drop_in(analyze: str, tmp_path: Path) -> None:
-    assert verdict(analyze, installed(tmp_path, UNIT.read_text(), DROP_IN.read_text())) == ""
+@pytest.mark.parametrize("drop_in", [DROP_IN, *SECRETS.values()], ids=lambda drop_in: drop_in.stem)
+def test_systemd_understands_the_unit_and_its_drop_ins(analyze: str, tmp_path: Path, drop_in: Path) -> None:
+    assert verdict(analyze, installed(tmp_path, UNIT.read_text(), drop_in.read_text())) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "source", "key"),
+    [
+        ("signing", "/etc/halocline/%i.signing", ("mavlink", "signing", "key_file")),
+        ("tls", "/etc/halocline/%i.key", ("shore", "tls", "private_key")),
+    ],
+)
+def test_secrets_come_as_credentials_and_the_configuration_finds_them(
+    name: str, source: str, key: tuple[str, str, str], tmp_path: Path
+) -> None:
+    """What root alone can read, in a directory of systemd's that is named to the service in its environment."""
+    found = settings(SECRETS[name])
+    assert found["Service.LoadCredential"] == [f"{name}:{source}"]
+    (assignment,) = found["Service.Environment"]
+    variable, _, place = assignment.partition("=")
+    assert place == f"%d/{name}"
+    secret = tmp_path / name
+    secret.write_text("a passphrase\n")
+    secret.chmod(0o440)  # as systemd shows it where access control lists do the rest
+    pem = tmp_path / "boat1.pem"
+    pem.touch()
+    file = tmp_path / "boat1.yaml"
+    file.write_text(
+        "survey: {area: [[33.4, -118.6], [33.4, -118.4], [33.6, -118.4]]}\n"
+        "shore: {connect: [tls/shore.example.org:7447], tls: {root_ca: boat1.pem, certificate: boat1.pem}}\n"
+        if name == "tls"
+        else "survey: {area: [[33.4, -118.6], [33.4, -118.4], [33.6, -118.4]]}\n"
+    )
+    environment = {variable: place.replace("%d", str(tmp_path)), "CREDENTIALS_DIRECTORY": str(tmp_path)}
+    configuration = load(file, environment)
+    section = getattr(getattr(configuration, key[0]), key[1])
+    assert getattr(section, key[2]) == secret
+    assert read_private(secret, environment) == b"a passphrase\n"
+    with pytest.raises(PrivateFileError, match="others may read"):
+        read_private(secret, {})
 
 
 def test_systemd_would_notice_a_misspelt_setting_in_either(analyze: str, tmp_path: Path) -> None:
@@ -102,7 +143,9 @@ def test_systemd_would_notice_a_misspelt_setting_in_either(analyze: str, tmp_pat
     assert "'SupplementaryGroup'" in said
 
 
-@pytest.mark.parametrize("drop_in", [None, DROP_IN], ids=["network", "serial port"])
+@pytest.mark.parametrize(
+    "drop_in", [None, DROP_IN, *SECRETS.values()], ids=["network", "serial port", "signed", "tls"]
+)
 def test_little_is_exposed(analyze: str, tmp_path: Path, drop_in: Path | None) -> None:
     """At most 1.5 by systemd's measure, which gives 9.6 to a service that nothing is said about."""
     unit = installed(tmp_path, UNIT.read_text(), "" if drop_in is None else drop_in.read_text())
