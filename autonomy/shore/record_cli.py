@@ -9,7 +9,7 @@ from pathlib import Path
 from autonomy.shore import way
 from autonomy.shore.recording import Limits, Recorder, RecorderStatus
 from autonomy.shore.stopping import stop_on_signals
-from autonomy.shore.subscriber import Subscriber
+from autonomy.shore.subscriber import Counters, Subscriber
 from autonomy.wire import VEHICLE_NAME
 
 EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
@@ -75,9 +75,9 @@ def run(args: argparse.Namespace) -> int:
         _say(f"recording in {args.folder}")
         account = _Account()
         while not stopping.wait(_LOOK_S):
-            account.look(recorder.status)
+            account.look(recorder.status, subscriber.counters)
         subscriber.close()
-    account.finish(recorder.status)
+    account.finish(recorder.status, subscriber.counters)
     return EXIT_OK
 
 
@@ -88,25 +88,31 @@ class _Account:
         self._trouble = ""
         self._due = time.monotonic() + _REPORT_S
 
-    def look(self, status: RecorderStatus) -> None:
+    def look(self, status: RecorderStatus, heard: Counters) -> None:
         """Say what is new."""
         if status.trouble != self._trouble:
             _say(status.trouble or "recording again")
             self._trouble = status.trouble
         if time.monotonic() >= self._due:
             self._due += _REPORT_S
-            _say(_summary(status))
+            _say(_summary(status, heard))
 
-    def finish(self, status: RecorderStatus) -> None:
+    def finish(self, status: RecorderStatus, heard: Counters) -> None:
         """The last words."""
-        self.look(status)
-        _say(_summary(status))
+        self.look(status, heard)
+        _say(_summary(status, heard))
 
 
-def _summary(status: RecorderStatus) -> str:
-    lost = f", {status.lost} lost" if status.lost else ""
-    removed = f", {status.removed} old files removed" if status.removed else ""
-    return f"{status.recorded} records{lost}, {status.total_bytes / 1e6:.1f} MB in all{removed}"
+def _summary(status: RecorderStatus, heard: Counters) -> str:
+    figures = {
+        "lost": status.lost,
+        "refused": heard.refused,
+        "dropped on arrival": heard.dropped,
+        "no vehicle had any more": heard.missed,
+        "old files removed": status.removed,
+    }
+    wrong = "".join(f", {count} {what}" for what, count in figures.items() if count)
+    return f"{status.recorded} records, {status.total_bytes / 1e6:.1f} MB in all{wrong}"
 
 
 def _say(text: str) -> None:
