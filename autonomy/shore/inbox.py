@@ -20,6 +20,7 @@ class Arrival:
         payload: its bytes.
         query: number of the query that it answers; None if it came by itself.
         alive: for a change of presence, whether the vehicle is there now; None for all else.
+        roll_call: whether that is what we asked for, and perhaps no news.
         closed: the question that is closed with this; None for all else.
         piece: the question that it answers, if that was for a piece.
     """
@@ -30,6 +31,7 @@ class Arrival:
     payload: bytes = b""
     query: int | None = None
     alive: bool | None = None
+    roll_call: bool = False
     closed: bool = False
     piece: Piece | None = None
 

@@ -22,6 +22,8 @@ PATIENCE_S = (1.0, 60.0)
 """Pause after the first question that brought nothing, and after the last of many."""
 _EARLY = 4096
 """Items that came too early, kept at most; others are asked for later."""
+_LONGEST_S = 90.0
+"""A question that is open for longer is given up, whatever the network says."""
 _RUNS = 8
 """Runs of the vehicle's software whose place is remembered."""
 _IN_VAIN = 3
@@ -49,6 +51,7 @@ class Stream(Generic[Batch]):
         self._run: int | None = None
         self._early: list[Batch] = []
         self._open: Piece | None = None
+        self._asked_s = 0.0
         self._in_vain = 0
         self._greeting = False
         self._missing_since: float | None = None
@@ -98,8 +101,10 @@ class Stream(Generic[Batch]):
         elif self._missing_since is None:
             self._missing_since = now
         due = self._greeting or (self._missing_since is not None and now - self._missing_since >= GRACE_S)
-        if not due or self._open is not None or now < self._not_before:
+        given_up = self._open is not None and now >= self._asked_s + _LONGEST_S
+        if not due or now < self._not_before or not (self._open is None or given_up):
             return None
+        self._asked_s = now
         self._greeting = False
         self._not_before = now + self._pause_s
         self._pause_s = min(2.0 * self._pause_s, PATIENCE_S[1])

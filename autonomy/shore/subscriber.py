@@ -32,6 +32,7 @@ _QUEUE_BYTES = 256 * 2**20
 _QUERY_TIMEOUT_S = 60.0
 _RETRY_S = 1.0
 _SWEEP_S = 0.2
+_ROLL_CALL_S = 20.0
 _TOPICS = {topic.value: topic for topic in Topic}
 
 
@@ -122,7 +123,7 @@ class Subscriber:
         self._outdated: set[str] = set()
         self._updates = 0
         self._queries = 0
-        self._swept_s = 0.0
+        self._swept_s = self._called_s = 0.0
         self._session: zenoh.Session | None = None
         self._thread = threading.Thread(target=self._run, name="subscriber", daemon=True)
 
@@ -235,6 +236,10 @@ class Subscriber:
     def _on_token(self, sample: zenoh.Sample) -> None:
         self._arrive(str(sample.key_expr), alive=sample.kind == zenoh.SampleKind.PUT)
 
+    def _on_roll_call(self, reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            self._arrive(str(reply.ok.key_expr), alive=True, roll_call=True)
+
     def _on_reply(self, reply: zenoh.Reply, query: int, piece: Piece | None) -> None:
         sample = reply.ok
         if sample is not None and len(sample.payload) <= wire.MAXIMUM_BYTES:
@@ -250,7 +255,9 @@ class Subscriber:
         try:
             vehicle, last = wire.split_key(arrival.key)
             if arrival.alive is not None:
-                self._presence(session, vehicle, arrival.alive)
+                known = self._roster.get(vehicle)
+                if not (arrival.roll_call and known is not None and known.view.alive):
+                    self._presence(session, vehicle, arrival.alive)
                 return
             if last not in _TOPICS:
                 raise wire.WireError(f"{arrival.key}: must end in {', '.join(_TOPICS)}")
@@ -293,6 +300,12 @@ class Subscriber:
             self._swept_s = now
             for entry in self._roster:
                 self._ask(session, entry)
+        if now >= self._called_s + _ROLL_CALL_S:
+            # After a break in the line a token is not always told again.
+            self._called_s = now
+            session.liveliness().get(
+                wire.alive_key(self._selector), self._on_roll_call, timeout=_ROLL_CALL_S / 2.0
+            )
 
     def _ask(self, session: zenoh.Session, entry: Entry) -> None:
         """Ask a vehicle for what is missing of what it told in order, unless it is known to be gone."""

@@ -19,7 +19,7 @@ from autonomy.shore.subscriber import Subscriber
 
 sys.path.insert(0, str(Path(__file__).parent))
 from bad_line import BadLine
-from shore_helpers import SOON_S, free_endpoint, observation, publisher, router
+from shore_helpers import SOON_S, free_endpoint, observation, publisher, router, session
 
 pytestmark = [pytest.mark.process, pytest.mark.timeout(1500)]
 
@@ -162,6 +162,24 @@ def test_the_boat_is_cut_off():
         assert shore.wait_for(ear.heard_all(at_sea.made + 20), HEARD_S)
         at_sea.anchor()
         check(ear, shore, at_sea.made)
+
+
+def test_a_chain_of_routers_is_as_one():
+    """The boat's router dials the shore's; who comes late and behind both still gets everything."""
+    harbour, shore_at = free_endpoint(), free_endpoint()
+    with (
+        router(shore_at),
+        session("router", connect=[shore_at], listen=[harbour]),
+        publisher(harbour) as boat,
+        Boat(boat) as at_sea,
+        listening(shore_at) as (early, first),
+    ):
+        assert first.wait_for(early.heard_all(20), SOON_S)
+        with listening(shore_at) as (late, second):
+            assert second.wait_for(late.heard_all(at_sea.made + 20), SOON_S)
+            at_sea.anchor()
+            check(early, first, at_sea.made)
+            check(late, second, at_sea.made)
 
 
 def test_of_more_than_can_be_kept_the_newest_come_and_it_is_known_how_many_do_not():
