@@ -122,6 +122,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--boot-clock-s", type=_finite, default=0.0, metavar="S", help="shown by its clock at power-on (0)"
     )
     autopilot.add_argument(
+        "--reboot-after-s", type=_positive, metavar="S", help="start again in mid-mission, simulated (never)"
+    )
+    autopilot.add_argument(
         "--probe-component", type=int, metavar="ID", help="the instrument is a component of its own"
     )
     autopilot.add_argument("--without-fence", action="store_true", help="fence and rally points are not told")
@@ -242,6 +245,7 @@ def _autopilot(arguments: argparse.Namespace, field: Field) -> Autopilot:
             arming_checks=arguments.arming_checks,
             request_int=arguments.request_int or arguments.by_the_book,
             boot_clock_s=arguments.boot_clock_s,
+            reboots_after_s=arguments.reboot_after_s,
             ends_on_wrong_item=arguments.by_the_book,
             atomic_uploads=arguments.by_the_book,
             restarts_on_upload=arguments.by_the_book,

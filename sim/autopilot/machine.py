@@ -45,6 +45,7 @@ class Options:
         ready_after_s: simulated seconds from power-on until the estimator knows where it is.
         arming_checks: refuses to be armed before that.
         boot_clock_s: what its clock shows at power-on; it wraps after 2^32 ms.
+        reboots_after_s: simulated seconds from power-on until it starts again, once; None: only when it is told to.
         request_int: asks for mission items with MISSION_REQUEST_INT, not with the legacy message.
         ends_on_wrong_item: an item out of turn ends an upload; ArduPilot answers 13 and goes on.
         atomic_uploads: a mission is replaced when its upload is complete; ArduPilot's dies leaving a hybrid.
@@ -64,6 +65,7 @@ class Options:
     arming_checks: bool = False
     request_int: bool = False
     boot_clock_s: float = 0.0
+    reboots_after_s: float | None = None
     ends_on_wrong_item: bool = False
     atomic_uploads: bool = False
     restarts_on_upload: bool = False
@@ -109,10 +111,34 @@ class Autopilot:
         )
         self.store = MissionStore(vessel.position if home is None else home)
         self._out: list[Outgoing] = []
+        self._reboot_due_s = options.reboots_after_s
+        self._handlers: dict[str, Callable[[float, Any, Client], None]] = {
+            "HEARTBEAT": self._on_heartbeat,
+            "COMMAND_LONG": self._on_command,
+            "COMMAND_INT": self._on_command,
+            "SET_MODE": self._on_set_mode,
+            "MISSION_SET_CURRENT": self._on_set_current,
+            "PARAM_REQUEST_LIST": self._on_param_list,
+            "PARAM_REQUEST_READ": self._on_param_read,
+            "PARAM_SET": self._on_param_set,
+            "REQUEST_DATA_STREAM": self._on_data_stream,
+            "TIMESYNC": self._on_timesync,
+            "PING": self._on_ping,
+            "SET_POSITION_TARGET_GLOBAL_INT": self._on_position_target,
+        }
+        self._boot(options.boot_clock_s)
+
+    def _boot(self, clock_s: float) -> None:
+        """Everything that is not stored begins anew; what the clock shows now, in seconds, is given."""
+        options, booted_s = self.options, self.vessel.time_s
         self.navigator = Navigator(
-            vessel, self.parameters, self.store, self._announce, ready_after_s=options.ready_after_s
+            self.vessel,
+            self.parameters,
+            self.store,
+            self._announce,
+            ready_after_s=booted_s + options.ready_after_s,
         )
-        self.reports = Reports(self.navigator, options.start_utc_s, options.system_id, options.boot_clock_s)
+        self.reports = Reports(self.navigator, options.start_utc_s, options.system_id, clock_s - booted_s)
         self._streams = Streams()
         self._commands = Commands(
             self.navigator, self.reports, self._streams, options.arming_checks, options.deaf_to_set_current
@@ -128,20 +154,17 @@ class Autopilot:
         )
         self._gcs_heard: float | None = None
         self._progress_told: tuple[int, int] | None = None
-        self._handlers: dict[str, Callable[[float, Any, Client], None]] = {
-            "HEARTBEAT": self._on_heartbeat,
-            "COMMAND_LONG": self._on_command,
-            "COMMAND_INT": self._on_command,
-            "SET_MODE": self._on_set_mode,
-            "MISSION_SET_CURRENT": self._on_set_current,
-            "PARAM_REQUEST_LIST": self._on_param_list,
-            "PARAM_REQUEST_READ": self._on_param_read,
-            "PARAM_SET": self._on_param_set,
-            "REQUEST_DATA_STREAM": self._on_data_stream,
-            "TIMESYNC": self._on_timesync,
-            "PING": self._on_ping,
-            "SET_POSITION_TARGET_GLOBAL_INT": self._on_position_target,
-        }
+
+    def reboot(self, now: float) -> None:
+        """Start again where the boat is: disarmed, in MANUAL, the clock at zero, streams as nobody has asked for.
+
+        Parameters and missions are stored, and stay; whoever was served is served on.
+        """
+        clients = self._streams.clients
+        self._reboot_due_s = None
+        self._boot(0.0)
+        for client in clients:
+            self._streams.join(now, client)
 
     @property
     def time_s(self) -> float:
@@ -182,6 +205,8 @@ class Autopilot:
                 step_s = min(step_s, max(_SHORTEST_STEP_S, self.sensor.next_time_s - self.vessel.time_s))
             self.navigator.advance(step_s)
             self._read_sensor()
+        if self._reboot_due_s is not None and self.vessel.time_s >= self._reboot_due_s:
+            self.reboot(now)
         self._tell_progress()
         self._check_gcs(now)
         self._out += [reply for reply in self._missions.poll(now) if reply[0] is not None]
@@ -262,6 +287,10 @@ class Autopilot:
             self._gcs_heard = now
 
     def _on_command(self, now: float, message: Any, client: Client) -> None:
+        if message.command == mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN and message.param1 == 1.0:
+            self._acknowledge(message, client, message.command, mav.MAV_RESULT_ACCEPTED)
+            self.reboot(now)
+            return
         answer = self._commands.run(Command.from_message(now, client, message))
         self._acknowledge(message, client, message.command, answer.result)
         self._out += [(client, each) for each in answer.messages]

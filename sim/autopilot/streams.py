@@ -41,6 +41,11 @@ class Streams:
     def __init__(self) -> None:
         self._clients: dict[Hashable, _Subscription] = {}
 
+    @property
+    def clients(self) -> list[Hashable]:
+        """Whoever is served."""
+        return list(self._clients)
+
     def join(self, now: float, client: Hashable) -> bool:
         """Start serving a client; False if it is served already."""
         if client in self._clients:

@@ -198,6 +198,25 @@ def test_they_are_read_again_after_a_reboot(voyage):
     assert len(voyage.said("PARAM_REQUEST_READ", since=booted)) >= 10
 
 
+def test_after_a_reboot_in_mid_mission_nothing_is_commanded_until_the_operator_starts_it_again(make_voyage):
+    voyage = make_voyage(boat(reboots_after_s=150.0))
+    voyage.start()
+    assert voyage.advance(200.0, until=lambda: not voyage.autopilot.navigator.armed)
+    booted, samples, mission = voyage.now, voyage.samples, voyage.on_board_m()
+    voyage.advance(60.0)
+    assert voyage.core._helm.telemetry.reboots == 1
+    assert voyage.lines("on board: our mission is on board", since=booted - 1.0)
+    assert (voyage.on_board_m() == mission).all()
+    assert not voyage.autopilot.navigator.armed
+    assert voyage.autopilot.navigator.mode is Mode.MANUAL
+    voyage.arm()
+    voyage.select(Mode.AUTO)
+    voyage.until("exploring", patience_s=60.0)
+    voyage.advance(100.0)
+    assert voyage.samples > samples + 5
+    assert voyage.health.model_time_s > 250.0  # goes on, though the vehicle's clock began anew
+
+
 def test_a_boat_that_stops_at_a_fence_nobody_told_us_of_sails_elsewhere(make_voyage):
     voyage = make_voyage(boat(tells_fence=False))
     voyage.fence(*WEST_HALF)

@@ -26,7 +26,6 @@ from autonomy.stall import StallWatch
 from sim.autopilot import Options
 
 from . import test_habits as habits
-from . import test_trouble as trouble
 
 ALL = "HALOCLINE_UNHANDLED" in os.environ
 Patch = Callable[[pytest.MonkeyPatch], None]
@@ -286,12 +285,11 @@ TABLE = (
         "exploring: in AUTO under our mission",
     ),
     Unhandled(
-        (),
+        ("reboots_after_s",),
         "notice of a clock that has begun anew: the autopilot has rebooted in mid-mission",
         replaced(ModelClock, "_suspect", lambda self, now, time_boot_ms, doubt: None),
-        under_way(trouble.test_the_vehicle_reboots_in_mid_survey_and_goes_on_when_it_is_started_again),
-        "on board: our mission is on board",
-        slow=True,
+        habits.test_after_a_reboot_in_mid_mission_nothing_is_commanded_until_the_operator_starts_it_again,
+        "telemetry.reboots == 1",
     ),
     Unhandled(
         ("boot_clock_s",),
@@ -337,9 +335,5 @@ def test_its_scenario_fails_without(
     with pytest.raises((AssertionError, RuntimeError)) as failure:
         entry.scenario(make_voyage)
     # The outermost frame of a scenario's own: what it asks for fails, not a helper's or the service's code.
-    statement = next(
-        str(each.statement)
-        for each in failure.traceback
-        if each.path.name in ("test_habits.py", "test_trouble.py")
-    )
+    statement = next(str(each.statement) for each in failure.traceback if each.path.name == "test_habits.py")
     assert entry.fails_at in statement, f"it fails elsewhere: {statement}"

@@ -254,3 +254,22 @@ def test_absurd_parameters_make_absurd_boats_but_no_crash(bench, gcs, name, valu
 def test_impossible_options_are_refused(options):
     with pytest.raises(ValueError, match=r"must be"):
         Options(**options)
+
+
+def test_told_to_start_again_it_keeps_what_is_stored_and_nothing_else(make_bench):
+    bench = make_bench(boot_clock_s=1000.0, ready_after_s=5.0)
+    gcs = bench.station()
+    bench.advance(6.0)
+    gcs.command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+    gcs.command(mav.MAV_CMD_SET_MESSAGE_INTERVAL, mav.MAVLINK_MSG_ID_ATTITUDE, -1.0)
+    bench.autopilot.parameters.set("WP_RADIUS", 7.0)
+    assert bench.autopilot.navigator.armed
+    gcs.command(mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)
+    assert not bench.autopilot.navigator.armed
+    assert not bench.autopilot.navigator.position_ok
+    assert bench.autopilot.parameters["WP_RADIUS"] == 7.0
+    gcs.heard.clear()
+    bench.advance(6.0)
+    assert gcs.of("SYSTEM_TIME")[-1].time_boot_ms <= 6000, "not what it showed at power-on"
+    assert len(gcs.of("ATTITUDE")) == pytest.approx(6, abs=1)
+    assert bench.autopilot.navigator.position_ok
