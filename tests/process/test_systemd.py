@@ -82,17 +82,16 @@ def lay_out(folder: Path) -> None:
     configure(etc / "halocline", f"udpin:{LINK}", [SHORE]).rename(etc / "halocline/boat1.yaml")
     # A second vehicle, whose link is signed.
     second = "halocline@boat2.service"
-    settings = {"name": "boat2"}, {"key_file": f"/run/credentials/{second}/signing"}
-    boat2 = configure(
-        etc / "halocline", "udpin:127.0.0.1:14560", vehicle=settings[0], mavlink={"signing": settings[1]}
+    vehicle = {"name": "boat2"}
+    configure(etc / "halocline", "udpin:127.0.0.1:14560", vehicle=vehicle).rename(
+        etc / "halocline/boat2.yaml"
     )
-    boat2.rename(etc / "halocline/boat2.yaml")
     secret = etc / "halocline/boat2.signing"
     secret.touch(0o600)
     secret.write_text("a passphrase that nobody has thought up\n")
-    credential = etc / "systemd/system" / f"{second}.d/credential.conf"
-    credential.parent.mkdir()
-    credential.write_text("[Service]\nLoadCredential=signing:/etc/halocline/boat2.signing\n")
+    drop_ins = etc / "systemd/system" / f"{second}.d"
+    drop_ins.mkdir()
+    shutil.copy(REPOSITORY / "systemd" / "signing.conf", drop_ins)
     # A Python that is somewhere else than it was built for looks for its library there.
     drop_in = etc / "systemd/system/halocline@.service.d/python.conf"
     drop_in.parent.mkdir()
@@ -255,5 +254,8 @@ def assert_has_its_secret(machine: Machine) -> None:
     machine.run("systemctl", "start", second)
     assert machine.run("systemctl", "is-active", second) == "active"
     assert machine.run("stat", "-c", "%U %a", "/etc/halocline/boat2.signing") == "root 600"
+    main = machine.run("systemctl", "show", second, "--property=MainPID", "--value")
+    environment = machine.run("sh", "-c", f"tr '\\0' '\\n' < /proc/{main}/environ").splitlines()
+    assert f"HALOCLINE_MAVLINK__SIGNING__KEY_FILE=/run/credentials/{second}/signing" in environment
     machine.run("systemctl", "stop", second)
     assert machine.run("systemctl", "show", second, "--property=Result") == "Result=success"
