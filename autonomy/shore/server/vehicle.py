@@ -35,8 +35,9 @@ class Vehicle:
         self._model_survey: Plain | None = None
         self.survey_notice: SurveyNotice | None = None
         self.surveys = 0
-        self._plan: tuple[PlanNotice, float] | None = None
-        self._health: tuple[HealthNotice, float] | None = None
+        self._plan: Plain | None = None
+        self._health: Plain | None = None
+        self._survey: Plain | None = None
         self._track = Rows(5, _TRACK_ROWS)
         self._series = Rows(len(_SERIES) + _MAXIMUM_LENGTHSCALES, _SERIES_ROWS)
         self._plans: deque[Plain] = deque(maxlen=_PLANS)
@@ -73,20 +74,21 @@ class Vehicle:
         if value != self.survey_notice:
             self.survey_notice = value
             self.surveys += 1
-        return plain.survey(value)
+        self._survey = plain.survey(value)
+        return self._survey
 
     def plan(self, value: PlanNotice, received_utc_s: float) -> Plain:
         """Take a plan."""
         stamp_s = received_utc_s + self._ahead_s
-        self._plan = (value, stamp_s)
+        self._plan = plain.plan(value, stamp_s)
         names = ("mutual_information", "planner", "reason", "expected_rmse", "sequence")
         self._plans.append({"utc_s": stamp_s, **{name: getattr(value, name) for name in names}})
-        return plain.plan(value, stamp_s)
+        return self._plan
 
     def health(self, value: HealthNotice, received_utc_s: float) -> Plain:
         """Take how it is."""
-        self._health = (value, received_utc_s)
-        return plain.health(value, received_utc_s)
+        self._health = plain.health(value, received_utc_s)
+        return self._health
 
     def observe(self, values: tuple[ObservationNotice, ...]) -> list[list[float]]:
         """Take readings."""
@@ -109,18 +111,17 @@ class Vehicle:
 
     def summary(self, utc_s: float) -> Plain:
         """A line of the fleet's list, at a time in seconds since 1970."""
-        health = None if self._health is None else self._health[0]
-        model = self._model
+        health, model = self._health, self._model
         return {
             "vehicle": self.name,
             "alive": self.alive,
-            "state": None if health is None else health.state,
-            "reason": None if health is None else health.reason,
+            "state": health and health["state"],
+            "reason": health and health["reason"],
             "variable": model and model["variable"],
             "units": model and model["units"],
-            "samples": model and model["samples"] if health is None else health.samples,
-            "lat": None if health is None else health.lat_deg,
-            "lon": None if health is None else health.lon_deg,
+            "samples": (health or model or {}).get("samples"),
+            "lat": health and health["lat_deg"],
+            "lon": health and health["lon_deg"],
             "age_s": round(max(0.0, utc_s - self.heard_utc_s), 1),
         }
 
@@ -129,19 +130,14 @@ class Vehicle:
         return {
             "vehicle": self.name,
             "alive": self.alive,
-            "survey": self._survey(),
+            # Where no more has come, what the model says of it.
+            "survey": self._survey or self._model_survey,
             "model": self._model,
-            "plan": None if self._plan is None else plain.plan(*self._plan),
-            "health": None if self._health is None else plain.health(*self._health),
+            "plan": self._plan,
+            "health": self._health,
             "track": self._track.all().tolist(),
             "log": list(self._log),
         }
-
-    def _survey(self) -> Plain | None:
-        """What is surveyed; only what the model says of it where nothing else has come."""
-        if self.survey_notice is not None:
-            return plain.survey(self.survey_notice)
-        return self._model_survey
 
     @property
     def rho0(self) -> float | None:
