@@ -6,6 +6,7 @@ import importlib.util
 import math
 import re
 import shlex
+import sqlite3
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -135,6 +136,9 @@ def _run(arguments: argparse.Namespace) -> int:
         raise _FailedError(error, EXIT_DATA) from None
     except CoreRaisedError as error:
         raise _FailedError(error, EXIT_SOFTWARE) from None
+    except sqlite3.OperationalError as error:
+        why = f"the temporary folder {tempfile.gettempdir()} takes no more ({error}); TMPDIR names another"
+        raise _FailedError(why, EXIT_CANNOT_CREATE) from None
     except OSError as error:
         reading = error.filename is not None and Path(str(error.filename)).is_relative_to(source.folder)
         where = f"{error.filename}: " if error.filename else ""
@@ -311,6 +315,10 @@ def _attributes(path: Path | None) -> dict[str, Any]:
             raise _FailedError(f"--attributes: {path}: {name!r} is no name of an attribute", EXIT_DATA)
         if isinstance(value, bool) or not isinstance(value, str | int | float):
             raise _FailedError(f"--attributes: {path}: {name}: must be a text or a number", EXIT_DATA)
+        if isinstance(value, int) and abs(value) >= 2**63:
+            raise _FailedError(
+                f"--attributes: {path}: {name}: has too many digits; as a text it may", EXIT_DATA
+            )
     return content
 
 

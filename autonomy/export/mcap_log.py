@@ -27,6 +27,7 @@ from foxglove.channels import (
 from autonomy.export.archive import Archive
 from autonomy.export.colours import Colours, colormap_of
 from autonomy.export.grid import local_water
+from autonomy.export.outputs import told_as_os_error
 from autonomy.export.values import DatedLine, DatedModel, DatedPlan, Readings, State, Subject
 from autonomy.geometry import FloatArray
 from autonomy.learning.field_model import FieldModel
@@ -78,7 +79,7 @@ def write_mcap(path: Path, archive: Archive, subject: Subject, water: Any, resol
         OSError: the file can't be written.
     """
     context = foxglove.Context()
-    with foxglove.open_mcap(path, context=context) as file:
+    with told_as_os_error(path, "FoxgloveError"), foxglove.open_mcap(path, context=context) as file:
         newest = archive.newest().snapshot.model
         writer = _Writer(context, archive.vehicle, subject, water, resolution_m, newest)
         file.write_metadata(

@@ -9,24 +9,26 @@ from typing import Any
 import netCDF4
 
 from autonomy.export.attributes import Value
+from autonomy.export.outputs import told_as_os_error
 
 COMPRESSION: dict[str, Any] = {"compression": "zlib", "complevel": 4, "shuffle": True}
 EPOCH = "seconds since 1970-01-01T00:00:00Z"
 
+_TAKEN = ("time", "lat", "lon", "depth", "crs", "trajectory", "obs", "component")
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 @contextmanager
 def creating(path: Path) -> Iterator[netCDF4.Dataset]:
-    """A new NetCDF-4 file, closed at the end."""
-    with netCDF4.Dataset(path, "w", format="NETCDF4") as dataset:
+    """A new NetCDF-4 file, closed at the end. OSError if it can't be written."""
+    with told_as_os_error(path, "NetCDF:"), netCDF4.Dataset(path, "w", format="NETCDF4") as dataset:
         yield dataset
 
 
 def name_of(variable: str) -> str:
     """A variable's name in a file: what the vehicle calls it, with the letters that every program takes."""
     name = re.sub(r"\W+", "_", variable, flags=re.ASCII).strip("_")
-    return name if name[:1].isalpha() else f"v_{name}"
+    return name if name[:1].isalpha() and name not in _TAKEN else f"measured_{name}"
 
 
 def measured(variable: str, units: str, suffix: str = "") -> dict[str, Value]:

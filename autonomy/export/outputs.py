@@ -28,6 +28,17 @@ def appearing(paths: Mapping[str, Path]) -> Iterator[dict[str, Path]]:
             os.replace(temporary[key], path)
 
 
+@contextmanager
+def told_as_os_error(path: Path, begins: str) -> Iterator[None]:
+    """Whatever a library reports as a RuntimeError whose text begins so is a file that can't be written: OSError."""
+    try:
+        yield
+    except RuntimeError as error:
+        if not str(error).startswith(begins):
+            raise
+        raise OSError(f"{path.name} can't be written ({error}); is the disk full?") from error
+
+
 def _remove(folder: Path) -> None:
     with contextlib.suppress(OSError):
         for path in folder.iterdir():

@@ -3,7 +3,8 @@
 import importlib.util
 import json
 import random
-from collections.abc import Callable
+import resource
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -349,3 +350,36 @@ def test_a_survey_across_the_antimeridian_is_in_one_piece(told: Told, tmp_path: 
     (first, *_) = lines
     assert first["type"] == "MultiLineString"
     assert all(abs(lon) <= 180.0 for part in first["coordinates"] for lon, _ in part)
+
+
+@pytest.fixture
+def file_limit() -> Iterator[Callable[[int], None]]:
+    """Files grow to so many bytes and no further, as if the disk were full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("option", ["--netcdf", "--trajectory", "--csv", "--mcap"])
+def test_a_full_disk_is_told_and_nothing_is_left(
+    option: str, recording: Path, tmp_path: Path, export: Export, file_limit: Callable[[int], None]
+) -> None:
+    # More than the archive needs, less than the file.
+    sizes = {"--netcdf": 300_000, "--trajectory": 70_000, "--csv": 40_000, "--mcap": 300_000}
+    words = (recording, option, tmp_path / "a", "--every", "1h", "--resolution", "25")
+    file_limit(sizes[option])
+    code, said = export(*words)
+    assert code == 73
+    assert "full" in said or "too large" in said
+    assert "TMPDIR" not in said
+    assert left(tmp_path) == []
+
+
+def test_a_full_temporary_folder_is_told(
+    recording: Path, tmp_path: Path, export: Export, file_limit: Callable[[int], None]
+) -> None:
+    file_limit(10_000)
+    code, said = export(recording, "--csv", tmp_path / "a")
+    assert code == 73
+    assert "TMPDIR names another" in said
+    assert left(tmp_path) == []
