@@ -133,14 +133,14 @@ class Outbox:
             newest = dict(self._latest)
         health, plan, survey = newest.get(Topic.HEALTH), newest.get(Topic.PLAN), newest.get(Topic.SURVEY)
         assert isinstance(health, wire.HealthNotice)
-        told = digest_of(
-            vehicle,
-            health,
-            self.newest_model,
-            plan if isinstance(plan, wire.PlanNotice) else None,
-            survey if isinstance(survey, wire.SurveyNotice) else None,
-        )
         try:
+            told = digest_of(
+                vehicle,
+                health,
+                self.newest_model,
+                plan if isinstance(plan, wire.PlanNotice) else None,
+                survey if isinstance(survey, wire.SurveyNotice) else None,
+            )
             self.offer(Topic.STATUS, wire.StatusDigest(digest.encode(told)))
         except ValueError as error:
             log.warning("no digest: %s", error)

@@ -21,9 +21,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 sys.path.insert(0, str(Path(__file__).parent))
 from at_sea import configure
+from bad_line import BadLine
 from processes import SOON_S, Processes, Running
+from shore_helpers import free_endpoint, router
 
 from autonomy.mavlink.codec import Codec
+from autonomy.shore.subscriber import Subscriber
 from sim.autopilot import Autopilot, Options
 from sim.autopilot.modes import Mode
 from sim.field import open_field
@@ -130,8 +133,8 @@ class Hours:
         )
 
 
-def serve(folder: Path) -> Hours:
-    """One service from its start until the second plan is on board."""
+def serve(folder: Path, **shore: Any) -> Hours:
+    """One service from its start until the second plan is on board; `shore` goes into its configuration."""
     vehicle = PromptVehicle()
     config = configure(
         folder,
@@ -140,6 +143,7 @@ def serve(folder: Path) -> Hours:
         sampling={"spacing_m": 2.0},
         exploration={"minimum_basis": 2},
         model={"centring_samples": 5},
+        shore=shore,
     )
     notes = folder / "notes"
     program = str(Path(__file__).with_name("witness.py"))
@@ -157,10 +161,29 @@ def serve(folder: Path) -> Hours:
 @pytest.mark.timeout(ATTEMPTS * (200 + 2 * BURN_S))
 def test_a_planning_job_delays_neither_heartbeats_nor_messages(tmp_path: Path) -> None:
     """A service that waits for its jobs does so every time; a busy machine holds it up now and then."""
+    _expect_kept(tmp_path)
+
+
+@pytest.mark.skipif("HALOCLINE_THIN_S" not in os.environ, reason="HALOCLINE_THIN_S is not set")
+@pytest.mark.timeout(ATTEMPTS * (200 + 2 * BURN_S))
+@pytest.mark.parametrize("rate", [200.0, None], ids=["limited", "flooded"])
+def test_nor_does_a_thin_link_ashore(tmp_path: Path, rate: float | None) -> None:
+    """2400 bits per second, with a limit below that, and without one: then zenoh's buffers are always full."""
+    endpoint = free_endpoint()
+    with (
+        router(endpoint),
+        BadLine(endpoint, bytes_per_s=300.0) as line,
+        Subscriber("*", connect=[endpoint]) as ashore,
+    ):
+        _expect_kept(tmp_path, connect=[line.endpoint], rate_limit_bytes_per_s=rate)
+        assert ashore.vehicles() == ["boat1"]
+
+
+def _expect_kept(tmp_path: Path, **shore: Any) -> None:
     for attempt in range(ATTEMPTS):
         folder = tmp_path / str(attempt)
         folder.mkdir()
-        hours = serve(folder)
+        hours = serve(folder, **shore)
         print(hours)
         assert hours.job_s >= BURN_S
         assert len(hours.late_s) >= BURN_S
