@@ -4,6 +4,7 @@ import argparse
 import asyncio
 import json
 import os
+import re
 import signal
 import sys
 import urllib.error
@@ -47,10 +48,11 @@ class Server:
     """`autonomy shore serve`, ready."""
 
     def __init__(self, processes, *options):
-        self.endpoint, self.port = free_endpoint(), free_port()
-        words = ("--listen", self.endpoint, "--http", f"127.0.0.1:{self.port}", *map(str, options))
+        self.endpoint = free_endpoint()
+        words = ("--listen", self.endpoint, "--http", "127.0.0.1:0", *map(str, options))
         self.process = processes.start("-m", "autonomy", "shore", "serve", *words)
-        self.process.wait_for("the page is at")
+        self.process.wait_for("/\n")
+        self.port = int(re.search(r"the page is at http://127\.0\.0\.1:(\d+)/", self.process.said)[1])
 
     def get(self, path):
         """A body, or None where there is none of that name (yet)."""
@@ -139,6 +141,8 @@ def test_what_was_recorded_is_there_after_a_restart(learnt, tmp_path):
                 publish_all(boat, learnt, sequence)
                 wait_until(lambda wanted=sequence: sequence_of(server.json("/api/vehicle/boat1")) == wanted)
             wait_until(lambda: len(server.json("/api/vehicle/boat1")["track"]) == 6)
+            recording = server.json("/api/server")["recording"]
+            assert (recording["recorded"] > 10, recording["lost"], recording["trouble"]) == (True, 0, "")
         assert server.process.stop(signal.SIGINT) == 0
         again = Server(processes, "--record", folder)
         latest = again.json("/api/vehicle/boat1")

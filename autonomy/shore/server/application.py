@@ -11,6 +11,7 @@ from aiohttp import web
 from aiohttp.typedefs import Handler, Middleware
 from numpy.typing import NDArray
 
+from autonomy.shore.recording import RecorderStatus
 from autonomy.shore.server import parameters
 from autonomy.shore.server.allowance import Allowance, BusyError
 from autonomy.shore.server.colours import colormaps
@@ -47,6 +48,7 @@ class Parts:
     nowcasts: Nowcasts
     lag: Lag
     counters: Callable[[], Counters]
+    recording: Callable[[], RecorderStatus | None] = lambda: None
     page: Path = PAGE
     sending: Allowance = field(default_factory=lambda: Allowance(_UNREAD_BYTES))
 
@@ -171,7 +173,7 @@ async def _numbers(
     answer.content_length = values.nbytes
     with request.app[PARTS].sending.taken(values.nbytes):
         await answer.prepare(request)
-        body = memoryview(values.tobytes())
+        body = memoryview(b"" if request.method == "HEAD" else values.tobytes())
         for start in range(0, len(body), _PIECE_BYTES):
             await answer.write(body[start : start + _PIECE_BYTES])
         await answer.write_eof()
@@ -197,6 +199,7 @@ async def _colormaps(request: web.Request) -> web.StreamResponse:
 async def _server(request: web.Request) -> web.StreamResponse:
     parameters.known(request)
     parts = request.app[PARTS]
+    recording = parts.recording()
     return _json(
         {
             "vehicles": len(parts.fleet),
@@ -204,6 +207,7 @@ async def _server(request: web.Request) -> web.StreamResponse:
             "lag_s": round(parts.lag.longest_s, 3),
             "memory_mb": round(memory_mb(), 1),
             "clients": len(parts.live),
+            "recording": recording and asdict(recording),
         }
     )
 

@@ -97,12 +97,19 @@ async def serve(settings: Settings) -> None:
             certificates=settings.certificates,
         )
         nowcasts = Nowcasts(fleet, atelier)
-        parts = Parts(fleet, Live(fleet), nowcasts, lag, lambda: subscriber.counters)
-        async with _answering(settings, parts):
+        parts = Parts(
+            fleet,
+            Live(fleet),
+            nowcasts,
+            lag,
+            lambda: subscriber.counters,
+            lambda: None if recorder is None else recorder.status,
+        )
+        async with _answering(settings, parts) as address:
             if await _past(settings, fleet, stopping):
                 await asyncio.to_thread(subscriber.start)
                 try:
-                    _say(f"the page is at http://{_shown(settings.host, settings.port)}/")
+                    _say(f"the page is at http://{address}/")
                     await stopping.wait()
                 finally:
                     await asyncio.to_thread(subscriber.close)
@@ -130,8 +137,8 @@ async def _past(settings: Settings, fleet: Fleet, stopping: asyncio.Event) -> bo
 
 
 @contextlib.asynccontextmanager
-async def _answering(settings: Settings, parts: Parts) -> AsyncIterator[None]:
-    """Answers browsers."""
+async def _answering(settings: Settings, parts: Parts) -> AsyncIterator[str]:
+    """Answers browsers at the address that it gives."""
     connections = Connections()
     middlewares = [connections.middleware()]
     if settings.token is not None:
@@ -143,7 +150,8 @@ async def _answering(settings: Settings, parts: Parts) -> AsyncIterator[None]:
     watching = asyncio.create_task(connections.watch(runner.server))
     try:
         await _listen(runner, settings.host, settings.port)
-        yield
+        # Port 0 is any that is free.
+        yield _shown(settings.host, runner.addresses[0][1])
     finally:
         watching.cancel()
         await runner.cleanup()

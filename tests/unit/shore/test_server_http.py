@@ -290,6 +290,18 @@ def test_other_methods_are_refused(fleet):
     asked(scenario, fleet)
 
 
+def test_heads_have_no_bodies(fleet):
+    async def scenario(client):
+        for path in ("/api/vehicles", "/api/vehicle/boat1/map?rows=300&columns=300"):
+            async with client.head(path) as answer:
+                assert (answer.status, await answer.read()) == (200, b"")
+            # The connection is fit for another request.
+            async with client.get("/api/vehicles") as answer:
+                assert len(await answer.json()) == 1
+
+    asked(scenario, fleet)
+
+
 def test_the_page_and_its_files(tmp_path):
     (tmp_path / "index.html").write_text("<!doctype html>page")
     (tmp_path / "vendor").mkdir()
@@ -346,6 +358,7 @@ def test_the_server_says_how_it_is(fleet):
     assert state["lag_s"] >= 0.0
     assert 20.0 < state["memory_mb"] < 5000.0
     assert state["clients"] == 0
+    assert state["recording"] is None
 
 
 def status_of(headers, names=LOOPBACK, path="/api/vehicles"):
