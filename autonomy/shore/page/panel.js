@@ -77,6 +77,8 @@ export class Panel {
   dispose() {
     this.vehicle.removeEventListener("change", this.listener);
     this.charts.dispose();
+    this.raster.dispose();
+    this.timeline.dispose();
     this.element.remove();
   }
 

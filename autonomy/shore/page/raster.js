@@ -11,8 +11,9 @@ const MARGIN = 0.08; // beyond the edge, so that a small pan shows no seam
 /** Fetches what a view shows of one vehicle at a time; at most one request is under way, the newest wish wins. */
 export class Raster extends EventTarget {
   #timer = null;
-  #flying = null;
+  #flying = false;
   #again = false;
+  #over = new AbortController();
 
   constructor(vehicle, view) {
     super();
@@ -36,8 +37,14 @@ export class Raster extends EventTarget {
     this.#wish(SETTLE_MS);
   }
 
+  /** Nobody will look any more. */
+  dispose() {
+    this.#over.abort();
+    clearTimeout(this.#timer);
+  }
+
   #wish(delay) {
-    if (!this.view.home) return;
+    if (!this.view.home || this.#over.signal.aborted) return;
     clearTimeout(this.#timer);
     this.#timer = setTimeout(() => this.#go(), delay);
   }
@@ -47,16 +54,16 @@ export class Raster extends EventTarget {
       this.#again = true;
       return;
     }
-    this.#flying = new AbortController();
+    this.#flying = true;
     const at = this.at;
     try {
-      const { whole, part } = await this.#fetch(at);
-      if (at === this.at) Object.assign(this, { whole, part, shown: at, problem: null });
+      // Shown even if another moment has been wished for meanwhile: a history that is played would stand still.
+      Object.assign(this, await this.#fetch(at), { shown: at, problem: null });
     } catch (error) {
       this.problem = error;
       this.#wish(RETRY_MS);
     }
-    this.#flying = null;
+    this.#flying = false;
     this.dispatchEvent(new Event("change"));
     if (this.#again) {
       this.#again = false;
@@ -66,7 +73,7 @@ export class Raster extends EventTarget {
 
   async #fetch(at) {
     const { home, atHome, width, height } = this.view;
-    const signal = this.#flying.signal;
+    const { signal } = this.#over;
     const wide = (home.east - home.west) * this.view.cosine;
     const high = home.north - home.south;
     const side = atHome ? MOST_CELLS : 120;

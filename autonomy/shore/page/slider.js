@@ -42,6 +42,11 @@ export class Timeline {
     this.#draw();
   }
 
+  /** Nobody will look any more. */
+  dispose() {
+    clearInterval(this.#playing);
+  }
+
   #go(index) {
     this.#show(index >= this.#stops.length - 1 ? null : this.#stops[index]);
   }
