@@ -220,11 +220,11 @@ class Archive:
         x_min, y_min, x_max, y_max = bounds_m
         return Subject(variable, units, LocalFrame(lat_deg, lon_deg), (x_min, y_min, x_max, y_max))
 
-    def model_count(self) -> tuple[int, int]:
-        """How many models there are at most, and the most components that one has."""
-        sql = f"SELECT COUNT(*), COALESCE(MAX(components), 0) FROM models WHERE {_WITHIN}"
-        count, components = self._select(sql, *self._ends).fetchone()
-        return count, components
+    def most_components(self) -> int:
+        """The most components that a model's kernel has."""
+        sql = f"SELECT COALESCE(MAX(components), 0) FROM models WHERE {_WITHIN}"
+        (components,) = self._select(sql, *self._ends).fetchone()
+        return int(components)
 
     def models(self) -> Iterator[DatedModel]:
         """The models that were kept, each later than the one before."""

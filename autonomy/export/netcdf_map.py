@@ -91,7 +91,7 @@ class _Writer:
         self._dataset, self._subject, self._grid, self._about = dataset, subject, grid, about
         self.times_s: list[float] = []
         self._precisions: set[str] = set()
-        _, components = archive.model_count()
+        components = archive.most_components()
         sizes = {"time": None, "lat": len(grid.lat_deg), "lon": len(grid.lon_deg), "component": components}
         for name, size in sizes.items():
             dataset.createDimension(name, size)

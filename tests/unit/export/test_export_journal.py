@@ -43,8 +43,9 @@ def sailed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
 
 def test_maps_and_readings_are_what_was_told_at_sea(sailed: tuple[Path, Any], tmp_path: Path) -> None:
     folder, run = sailed
+    (file,) = journal_files(folder)
     words = ("--netcdf", tmp_path / "a.nc", "--csv", tmp_path / "a.csv", "--every", "1s")
-    assert cli.main(["export", str(folder), *map(str, words)]) == 0
+    assert cli.main(["export", str(file.path), *map(str, words)]) == 0
     told: list[ModelSnapshot] = run.published[Topic.MODEL]
     assert len(told) >= 3
     with xr.open_dataset(tmp_path / "a.nc") as maps:
@@ -68,11 +69,6 @@ def test_maps_and_readings_are_what_was_told_at_sea(sailed: tuple[Path, Any], tm
     table = pd.read_csv(tmp_path / "a.csv")
     assert table[f"{NAME} [1]"].tolist() == [one.value for one in readings]
     assert table["latitude_deg"].tolist() == [one.lat_deg for one in readings]
-
-
-def test_a_file_of_the_run_will_do(sailed: tuple[Path, Any], tmp_path: Path) -> None:
-    (file,) = journal_files(sailed[0])
-    assert cli.main(["export", str(file.path), "--geojson", str(tmp_path / "a.json")]) == 0
 
 
 def test_the_journal_of_another_vehicle_is_told(
