@@ -82,10 +82,15 @@ class Ear:
 
 
 @contextlib.contextmanager
-def listening(endpoint: str, **options) -> Iterator[tuple[Ear, Subscriber]]:
+def listening(endpoint: str) -> Iterator[tuple[Ear, Subscriber]]:
     ear = Ear()
     with Subscriber(
-        "boat1", connect=[endpoint], on_update=ear.update, on_arrival=ear.arrival, history=None, **options
+        "boat1",
+        connect=[endpoint],
+        on_update=ear.update,
+        on_arrival=ear.arrival,
+        history=None,
+        log_history=None,
     ) as shore:
         yield ear, shore
 
