@@ -112,8 +112,8 @@ def test_what_a_vehicle_publishes_is_on_the_page(server, learnt):
             client.ws_connect("/api/live?vehicles=boat1") as socket,
         ):
             boat.publish(Topic.MODEL, model_snapshot(learnt, 9))
-            async for message in socket:
-                news = json.loads(message.data)
+            while True:
+                news = await socket.receive_json()
                 if news["type"] == "model" and news["data"]["sequence"] == 9:
                     return
 

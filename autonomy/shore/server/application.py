@@ -62,6 +62,7 @@ def application(parts: Parts, *middlewares: Middleware) -> web.Application:
     app[PARTS] = parts
     app.on_response_prepare.append(add_headers)
     app.cleanup_ctx.append(_background)
+    app.on_shutdown.append(_take_leave)
     app.add_routes(
         [
             web.get("/", _index),
@@ -85,6 +86,10 @@ async def _background(app: web.Application) -> AsyncIterator[None]:
     yield
     for task in tasks:
         task.cancel()
+
+
+async def _take_leave(app: web.Application) -> None:
+    await app[PARTS].live.close()
 
 
 @web.middleware

@@ -15,6 +15,7 @@ _QUEUE = 500
 _QUEUE_CHARACTERS = 4_000_000
 _PATIENCE_S = 20.0
 _HEARTBEAT_S = 20.0
+_FAREWELL_S = 1.0
 _FLEET_PERIOD_S = 1.0
 _QUIET = 10
 _IN_ORDER = (Topic.OBSERVATIONS.value, Topic.LOG.value)
@@ -69,6 +70,7 @@ class Live:
         self._fleet = fleet
         self._lock = threading.Lock()
         self._clients: set[Client] = set()
+        self._sockets: set[web.WebSocketResponse] = set()
         self._waking = False
         self._fleet_changed = False
         fleet.tell(self.offer)
@@ -119,7 +121,9 @@ class Live:
         """A page's connection, until it ends."""
         if len(self._clients) >= MAXIMUM_CLIENTS:
             raise web.HTTPServiceUnavailable(text=f"there are {MAXIMUM_CLIENTS} pages open already")
-        socket = web.WebSocketResponse(heartbeat=_HEARTBEAT_S, max_msg_size=1024, compress=False)
+        socket = web.WebSocketResponse(
+            timeout=_FAREWELL_S, heartbeat=_HEARTBEAT_S, max_msg_size=1024, compress=False
+        )
         client = Client(vehicles)
         # Counted before the first wait, or as many as like would pass the limit at once.
         with self._lock:
@@ -127,10 +131,12 @@ class Live:
         sender = None
         try:
             await socket.prepare(request)
+            self._sockets.add(socket)
             sender = asyncio.create_task(self._send(client, socket, request))
             async for _ in socket:
                 pass
         finally:
+            self._sockets.discard(socket)
             with self._lock:
                 self._clients.discard(client)
             if sender is not None:
@@ -159,6 +165,6 @@ class Live:
             return
 
     async def close(self) -> None:
-        """Nothing more is told."""
-        with self._lock:
-            self._clients.clear()
+        """Take leave of all pages: they dial again when there is a server."""
+        farewells = [each.close(code=WSCloseCode.GOING_AWAY, message=b"stops") for each in self._sockets]
+        await asyncio.gather(*farewells)

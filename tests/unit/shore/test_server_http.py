@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from aiohttp import WSServerHandshakeError
+from aiohttp import WSMsgType, WSServerHandshakeError
 from aiohttp.test_utils import TestClient, TestServer
 
 from autonomy import wire
@@ -404,6 +404,19 @@ def test_a_page_of_another_cannot_follow_the_news():
             assert not socket.closed
 
     asked(scenario, middlewares=[check_names(LOOPBACK)])
+
+
+def test_pages_are_taken_leave_of():
+    async def scenario(client):
+        sockets = [await client.ws_connect("/api/live") for _ in range(3)]
+        stopping = asyncio.create_task(client.app.shutdown())
+        for socket in sockets:
+            while (await socket.receive()).type is WSMsgType.TEXT:
+                pass
+            assert socket.close_code == 1001
+        await stopping
+
+    asked(scenario)
 
 
 def test_who_does_not_know_the_token_sees_nothing(fleet):
