@@ -54,8 +54,8 @@ WINDOW = 1000
 DAY_WINDOWS = 80
 """So many of these are a day."""
 
-KEPT = 5
-"""Of each topic, and of log and traffic: what a month of them takes is no memory of the service."""
+KEPT, KEPT_LINES = 5, 40
+"""Of each topic and of the traffic, and of the log: what a month of them takes is no memory of the service."""
 
 TWIN_EVERY = 12
 """Events of the core for one of its twin's."""
@@ -175,6 +175,7 @@ class Month(Voyage):
         self.rng = rng
         self.configuration = configuration
         self.late: list[tuple[float, str]] = []
+        self.strandings: list[str] = []
         self.costs = array("d")
         self.core = Timed(self.core)  # type: ignore[assignment]
         self.passes = lambda message: rng.random() >= self.loss
@@ -224,8 +225,9 @@ class Month(Voyage):
             )
             self.readings += told
             self.published[Topic.OBSERVATIONS].clear()
-            for kept in (*self.published.values(), self.sent, self.log):
+            for kept in (*self.published.values(), self.sent):
                 del kept[:-KEPT]
+            del self.log[:-KEPT_LINES]
             self.autopilot.vessel.battery.used_wh = 0.0  # the sun shines
             self.journal.flush()  # in the service the journal keeps up
             if self.core.readings >= WINDOW:
@@ -237,6 +239,15 @@ class Month(Voyage):
         costs = self.core.take_costs()
         if self.core.twin is not None:
             self.costs.extend((*costs, *self.core.twin.timed.take_costs()))
+
+    def look_for_land(self, fault: str) -> None:
+        """A boat on land stays there until it is another one; how it came there is told at the end."""
+        if self.autopilot.vessel.aground:
+            x, y = FRAME.to_local(*self.autopilot.vessel.position)
+            self.strandings.append(f"{self.now:.0f}, {fault}: at {x:.0f}, {y:.0f}")
+            print(self.strandings[-1], *self.log, sep="\n  ", flush=True)
+            self.reboot(keep_mission=False)
+            self.care()
 
     def make_twin(self, model_s: float = 120.0) -> None:
         """Of the core as it is, and of what happens to it within so many simulated seconds."""
@@ -502,7 +513,7 @@ def test_nothing_ends_it_and_nothing_grows(month: Month, tmp_path: Path) -> None
             month.care()
             struck[fault.__name__] += 1
             assert month.late == []
-            assert not month.autopilot.vessel.aground
+            month.look_for_land(fault.__name__)
             kept = sum(path.stat().st_size for path in tmp_path.iterdir())
             assert kept <= 1e6 * JOURNAL.total_mb + BATCH_BYTES
             if MONTH_S >= DAY_S:
@@ -525,6 +536,7 @@ def test_nothing_ends_it_and_nothing_grows(month: Month, tmp_path: Path) -> None
     assert set(struck) == {fault.__name__ for fault in FAULTS}
     if MONTH_S >= DAY_S:
         hold_against(month, early, checkpoint_early, sum(struck.values()))
+    assert month.strandings == []
 
 
 def hold_against(month: Month, early: int, checkpoint_early: int, struck: int) -> None:
