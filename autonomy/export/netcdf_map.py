@@ -37,7 +37,7 @@ _SERIES: Mapping[str, tuple[str, dict[str, Value]]] = {
     "stated_error_of_mean": (
         "f8",
         {
-            "long_name": "most by which the mean may differ from the vehicle's own, for what the link took off it, "
+            "long_name": "how far the mean is from the vehicle's own at most, about, for what the link took off it, "
             "over the standard deviation of the field",
             "units": "1",
         },
@@ -147,7 +147,7 @@ class _Writer:
         self._time[row] = dated.utc_s
         self._mean[row] = self._grid.spread(prediction.mean)
         self._error[row] = self._grid.spread(np.sqrt(np.maximum(prediction.variance, 0.0)))
-        kernel = model.kernel
+        kernel = snapshot.believed or model.kernel
         figures: tuple[float, ...] = (snapshot.samples, len(model), snapshot.rho, *snapshot.stated_error)
         figures += (model.prior_mean, math.sqrt(kernel.noise_variance))
         for variable, figure in zip(self._series.values(), figures, strict=True):

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from autonomy import plain_cbor, replay, wire
+from autonomy import replay, wire
 from autonomy.effects import Effect, Publish, Topic
 from autonomy.export.archive import Archive
 from autonomy.export.values import ExportError
@@ -122,12 +122,7 @@ def _take(archive: Archive, one: Recorded) -> int:
 
 def _take_model(archive: Archive, one: Recorded) -> int:
     """Only the models that are kept are decoded whole, which takes a hundred times as long."""
-    try:
-        content = plain_cbor.load(
-            one.payload, maximum_bytes=wire.MAXIMUM_BYTES, maximum_items=10_000, maximum_depth=4
-        )
-    except plain_cbor.CBORError as error:
-        raise wire.WireError(f"model: {error}") from None
+    content = wire.parse(Topic.MODEL, one.payload)
     match content:
         case {"v": wire.VERSION, "model_time_s": float() as at, "utc_s": float() | None as utc_s}:
             archive.take_model(one.received_utc_s, at, utc_s, one.payload)

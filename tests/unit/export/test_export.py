@@ -4,6 +4,7 @@ import io
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,9 +15,12 @@ import shapely
 import xarray as xr
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from told import FRAME, ISLAND_M, UTC_S, Told
+from told import FRAME, ISLAND_M, UTC_S, Told, record
 
+from autonomy import cli
+from autonomy.effects import Topic
 from autonomy.quality import Check
+from autonomy.wire import ModelSnapshot, decode, encode
 
 NAME = "sea_water_practical_salinity"
 EXPORTED_MODELS = [0, 3, 6, 9, 11]
@@ -187,3 +191,29 @@ def test_the_compliance_checker_finds_nothing(exported: Path) -> None:
     done = subprocess.run([program, *words], capture_output=True, text=True, timeout=100, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("All tests passed!") == 4
+
+
+def test_what_came_over_a_thin_link_is_exported_as_it_came(told: Told, tmp_path: Path) -> None:
+    """Packed, in few bits: the maps are those of what arrived, and say how far they may be off."""
+    few = [
+        (at, replace(one, precision="8 bit") if isinstance(one, ModelSnapshot) else one)
+        for at, one in told.messages
+    ]
+    source = record(tmp_path / "recording", few, packed=True)
+    words = ["--netcdf", str(tmp_path / "a.nc"), "--csv", str(tmp_path / "a.csv"), "--every", "3min"]
+    assert cli.main(["export", str(source), *words]) == 0
+    assert len(pd.read_csv(tmp_path / "a.csv")) == len(told.readings)
+    arrived = decode(Topic.MODEL, encode(replace(told.models[-1], precision="8 bit"), packed=True))
+    assert isinstance(arrived, ModelSnapshot)
+    with xr.open_datatree(tmp_path / "a.nc") as tree:
+        maps, model = tree.to_dataset(), tree["model"].to_dataset()
+        assert maps.attrs["precision"] == "8 bit"
+        assert model["stated_error_of_mean"].values[-1] == pytest.approx(arrived.stated_error[0])
+        lon, lat = np.meshgrid(maps.lon, maps.lat)
+        mean = maps[NAME][-1].values
+        inside = np.isfinite(mean)
+        predicted = arrived.model.predict(FRAME.to_local(lat, lon)[inside])
+        assert np.abs(mean[inside] - predicted.mean).max() < 5e-6
+        sigma = arrived.model.kernel.signal_variance**0.5
+        truth = told.models[-1].model.predict(FRAME.to_local(lat, lon)[inside])
+        assert np.abs(predicted.mean - truth.mean).max() < 0.01 * sigma

@@ -190,7 +190,9 @@ def topic_of(value: Message) -> Topic:
     }[type(value)]
 
 
-def record(folder: Path, messages: list[tuple[float, Message]], vehicle: str = "boat1") -> Path:
+def record(
+    folder: Path, messages: list[tuple[float, Message]], vehicle: str = "boat1", *, packed: bool = False
+) -> Path:
     """Keep messages in a recording, as the shore's subscriber would hand them over."""
     with Recorder(folder) as recorder:
         for received_utc_s, value in messages:
@@ -198,5 +200,5 @@ def record(folder: Path, messages: list[tuple[float, Message]], vehicle: str = "
             if isinstance(value, ModelSnapshot):
                 value = replace(value, vehicle=vehicle)
             encoding = f"application/cbor;{schema(topic)}"
-            recorder.write(received_utc_s, key(vehicle, topic), encoding, encode(value))
+            recorder.write(received_utc_s, key(vehicle, topic), encoding, encode(value, packed=packed))
     return folder
