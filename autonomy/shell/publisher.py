@@ -25,6 +25,8 @@ log = logging.getLogger(__name__)
 _LOOK_AROUND_S = 0.25
 _REOPEN_S = 5.0
 _UNASKED_S = 10.0
+_ANSWERS_IN_A_ROW = 10
+"""Then it is looked whether there is something to publish: whoever asks without end does not keep us from it."""
 _PRIORITY = {
     Topic.MODEL: zenoh.Priority.DATA_LOW,
     Topic.OBSERVATIONS: zenoh.Priority.DATA_LOW,
@@ -217,8 +219,8 @@ class Publisher:
             while (parcel := self._outbox.next(time.monotonic(), listened)) is not None:
                 publishers[parcel.topic].put(parcel.payload)
                 self._set_status(published=self._status.published + 1)
-            while self._questions.answer_one(time.monotonic()):
-                if self._outbox.due_in_s(time.monotonic(), listened) == 0.0:
+            for _ in range(_ANSWERS_IN_A_ROW):
+                if not self._questions.answer_one(time.monotonic()):
                     break
             self._look_around(session, publishers[Topic.MODEL])
             if stopping:

@@ -1,5 +1,6 @@
 """What people ashore ask of the vehicle, answered one reply at a time, so that a thin link is shared with the rest."""
 
+import logging
 import threading
 import time
 from collections import deque
@@ -9,9 +10,11 @@ import zenoh
 
 from autonomy import predicting, wire
 from autonomy.effects import Topic
-from autonomy.shell.outbox import LATEST_WINS, Outbox
+from autonomy.shell.outbox import LATEST_WINS, NUMBERED, Outbox
 from autonomy.shell.rate_limit import RateLimit
 from autonomy.wire_questions import Piece, wanted_piece
+
+log = logging.getLogger(__name__)
 
 _MOST = 200
 _STALE_S = 60.0
@@ -57,7 +60,8 @@ class Questions:
         except wire.WireError as error:
             _refuse(query, str(error))
             return
-        asked = [topic for topic in Topic if query.key_expr.intersects(wire.key(self._vehicle, topic))]
+        in_order = (*LATEST_WINS, *NUMBERED)
+        asked = [topic for topic in in_order if query.key_expr.intersects(wire.key(self._vehicle, topic))]
         topics = deque(topic for topic in asked if topic in LATEST_WINS or piece is not None)
         # A request for predictions has a payload; whoever asks for everything has none.
         predict = query.payload is not None and query.key_expr.intersects(wire.predict_key(self._vehicle))
@@ -84,11 +88,16 @@ class Questions:
         if now - question.asked_s > _STALE_S:
             question.topics.clear()
             question.predict = False
-        if question.predict:
-            question.predict = False
-            self._predict(question.query)
-        elif question.topics:
-            self._reply(question, question.topics.popleft())
+        try:
+            if question.predict:
+                question.predict = False
+                self._predict(question.query)
+            elif question.topics:
+                self._reply(question, question.topics.popleft())
+        except zenoh.ZError as error:
+            # Whoever asked may be gone; that is no reason to begin a new session.
+            log.info("a question could not be answered: %s", error)
+            question.topics.clear()
         if not question.topics and not question.predict:
             with self._lock:
                 self._waiting.popleft()
