@@ -9,6 +9,8 @@ const SERIES_ROWS = 3000; // then the server is asked for its thinner ones
 /** One vehicle. Dispatches "change"; `detail` is what has changed: "all", "model", "plan", "health", … */
 export class Vehicle extends EventTarget {
   #loading = null;
+  #waiting = null;
+  #meanwhile = []; // news that came while everything was on its way, which may be from before them
 
   constructor(name) {
     super();
@@ -20,16 +22,26 @@ export class Vehicle extends EventTarget {
     this.log = [];
   }
 
-  /** Everything there is; also after the line was broken, for what was missed. */
+  /** Everything there is; also after the line was broken, for what was missed. Asked for anew if it is on its way:
+   *  what comes may be from before what was missed. */
   load() {
-    this.#loading ??= this.#fetch().finally(() => { this.#loading = null; });
+    const before = this.#loading;
+    if (this.#waiting) return this.#waiting;
+    if (before) {
+      this.#waiting = before.catch(() => {}).then(() => { this.#waiting = null; return this.load(); });
+      return this.#waiting;
+    }
+    this.#loading = this.#fetch().finally(() => { this.#loading = null; });
     return this.#loading;
   }
 
   async #fetch() {
+    this.#meanwhile = [];
     const [all, history] = await Promise.all([api.latest(this.name), api.history(this.name)]);
     const { survey, model, plan, health, track, log } = all;
     Object.assign(this, { survey, model, plan, health, track: track.filter(placed), log, history });
+    for (const [kind, data] of this.#meanwhile) this.#accept(kind, this.#fresh(kind, data));
+    this.#meanwhile = [];
     this.#tell("all");
   }
 
@@ -51,22 +63,35 @@ export class Vehicle extends EventTarget {
 
   take(kind, data) {
     this.heard = Date.now();
-    // News that overtake the first answer are in it; and should it have failed, they are the time to ask again.
-    if (!this.history) {
-      this.load().catch(() => {});
-      return;
+    // Should the first answer have failed, this is the time to ask again.
+    if (this.#loading) this.#meanwhile.push([kind, data]);
+    if (!this.history) this.load().catch(() => {});
+    else if (this.#accept(kind, data)) this.#tell(kind);
+  }
+
+  /** What of a piece of news is not in the answer that it met on its way. */
+  #fresh(kind, data) {
+    if (kind === "observations") {
+      const known = new Set(this.track.map(([t, lat, lon]) => `${t} ${lat} ${lon}`));
+      return data.filter(([t, lat, lon]) => !known.has(`${t} ${lat} ${lon}`));
     }
-    if (kind === "model") this.#takeModel(data);
-    else if (kind === "plan") this.#takePlan(data);
+    if (kind === "log") return [data].flat().filter((line) => !this.log.some((each) => each.utc_s === line.utc_s && each.text === line.text));
+    const held = this[kind];
+    return held && stamp(held) > stamp(data) ? held : data;
+  }
+
+  #accept(kind, data) {
+    if (kind === "model") this.#acceptModel(data);
+    else if (kind === "plan") this.#acceptPlan(data);
     else if (kind === "health") this.health = data;
     else if (kind === "survey") this.survey = data;
     else if (kind === "observations") this.track = thinned([...this.track, ...data.filter(placed)]);
-    else if (kind === "log") this.log = [...this.log, ...(Array.isArray(data) ? data : [data])].slice(-LOG_LINES);
-    else return;
-    this.#tell(kind);
+    else if (kind === "log") this.log = [...this.log, ...[data].flat()].slice(-LOG_LINES);
+    else return false;
+    return true;
   }
 
-  #takeModel(model) {
+  #acceptModel(model) {
     const first = !this.model || !this.survey;
     this.model = model;
     const { models, series } = this.history;
@@ -82,9 +107,10 @@ export class Vehicle extends EventTarget {
     if (first || series.utc_s.length > SERIES_ROWS) this.load().catch(() => {});
   }
 
-  #takePlan(plan) {
+  #acceptPlan(plan) {
     const { utc_s, mutual_information, planner, reason, expected_rmse } = plan;
     this.plan = plan;
+    if (this.history.plans.at(-1)?.utc_s === utc_s) return;
     this.history.plans.push({ utc_s, mutual_information, planner, reason, expected_rmse });
   }
 
@@ -93,6 +119,7 @@ export class Vehicle extends EventTarget {
   }
 }
 
+const stamp = ({ stamp_s, utc_s }) => stamp_s ?? utc_s ?? 0;
 const placed = ([, lat, lon]) => Number.isFinite(lat) && Number.isFinite(lon);
 
 /** Of too long a track every second row goes, the newest hundred excepted. */
