@@ -7,7 +7,7 @@ import cbor2
 import numpy as np
 import pytest
 import zstandard
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autonomy.effects import Topic
@@ -341,6 +341,7 @@ def test_long_sentences_are_cut_rather_than_lost():
     assert health.reason == "y" * 399 + "…"
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=300), st.sampled_from(list(Topic)))
 def test_noise_is_refused(noise, topic):
     with pytest.raises(WireError, match=topic.value):
@@ -355,6 +356,7 @@ def complaint_about(topic, payload):
     return None
 
 
+@settings(deadline=None)
 @given(st.data(), st.sampled_from(list(Topic)))
 def test_damaged_messages_are_refused_or_within_bounds(data, topic):
     payload = bytearray(encode(GOOD[topic]))
@@ -378,6 +380,7 @@ junk = st.recursive(
 )
 
 
+@settings(deadline=None)
 @given(st.data(), st.sampled_from(list(Topic)), junk)
 def test_any_field_may_hold_anything(data, topic, value):
     content = cbor2.loads(encode(GOOD[topic]))
@@ -438,6 +441,7 @@ def test_what_is_missing_of_the_calibration_is_named(name):
         decode(Topic.MODEL, cbor2.dumps(content))
 
 
+@settings(deadline=None)
 @given(st.sampled_from(["coverage_95", "mean_square", "log_score", "count"]), st.data())
 def test_any_field_of_the_calibration_may_hold_anything(name, data):
     content = cbor2.loads(encode(HEALTH))
