@@ -9,7 +9,7 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
-.PHONY: help setup demo test accuracy routes soak-learning soak-authority soak-restarts soak-decoders soak-month systemd-test lint bench clean
+.PHONY: help setup demo test accuracy routes soak-learning soak-authority soak-restarts soak-links soak-decoders soak-month systemd-test first-day fleet-test lint bench clean
 
 help:
 	@echo "make demo            a simulated vessel learns a patch of coast: three processes, about two minutes, one picture"
@@ -19,9 +19,12 @@ help:
 	@echo "make soak-learning   a million readings on one track: an hour"
 	@echo "make soak-authority  a thousand surveys that operator and autopilot meddle with: ten minutes"
 	@echo "make soak-restarts   two hundred times kill -9, twenty power cuts, an hour replayed: forty minutes"
+	@echo "make soak-links      a hundred missions over a link that loses three in ten, every habit unhandled: fifty minutes"
 	@echo "make systemd-test    the unit on a systemd booted in a container, with faults: as root, two minutes"
 	@echo "make soak-decoders   a million damaged inputs for every reader of bytes from outside: half a day"
 	@echo "make soak-month      a simulated month at sea under faults: three hours"
+	@echo "make first-day       docs/first-day.md, typed in from install to a boat under way: five minutes"
+	@echo "make fleet-test      a hundred vessels and one shore process: three minutes"
 	@echo "make lint            style, types and import contracts"
 	@echo "make bench           benchmarks, as ratios against references measured in the same run"
 	@echo "make clean           remove the virtual environment and caches"
@@ -65,6 +68,10 @@ soak-restarts: $(READY)
 		tests/process/test_resumption.py tests/process/test_power_cut.py
 	HALOCLINE_REPLAY_S=3600 $(BIN)/python -m pytest -q -s --timeout=14400 tests/scenario/test_long_replay.py
 
+soak-links: $(READY)
+	HALOCLINE_UPLOADS=100 $(BIN)/python -m pytest -q -s --timeout=14400 tests/process/test_upload_over_bad_link.py
+	HALOCLINE_UNHANDLED=1 $(BIN)/python -m pytest -q tests/scenario/test_habits_unhandled.py
+
 systemd-test: $(READY)
 	command -v systemd-nspawn || (apt-get update && apt-get install --yes systemd-container)
 	HALOCLINE_BOOT=1 $(BIN)/python -m pytest -q -s tests/process/test_systemd.py
@@ -75,6 +82,12 @@ soak-decoders: $(READY)
 
 soak-month: $(READY)
 	HALOCLINE_MONTH_S=2600000 $(BIN)/python -m pytest -q -s --timeout=86400 tests/scenario/test_month.py
+
+first-day: $(READY)
+	HALOCLINE_FIRST_DAY=1 $(BIN)/python -m pytest -q tests/process/test_first_day.py
+
+fleet-test: $(READY)
+	HALOCLINE_FLEET=100 $(BIN)/python -m pytest -q -s --timeout=600 tests/process/test_shore_serve.py -k fleet
 
 lint: $(READY)
 	$(BIN)/ruff check .
