@@ -22,7 +22,7 @@ help:
 	@echo "make soak-links      a hundred missions over a link that loses three in ten, every habit unhandled: fifty minutes"
 	@echo "make systemd-test    the unit on a systemd booted in a container, with faults: as root, two minutes"
 	@echo "make soak-decoders   a million damaged inputs for every reader of bytes from outside: half a day"
-	@echo "make soak-month      a simulated month at sea under faults: three hours"
+	@echo "make soak-month      a simulated month at sea under faults: two hours, alone on a core"
 	@echo "make first-day       docs/first-day.md, typed in from install to a boat under way: five minutes"
 	@echo "make fleet-test      a hundred vessels and one shore process: three minutes"
 	@echo "make lint            style, types and import contracts"
@@ -81,7 +81,7 @@ soak-decoders: $(READY)
 	HALOCLINE_LIES=100 $(BIN)/python -m pytest -q tests/property/test_lying_vehicle.py
 
 soak-month: $(READY)
-	HALOCLINE_MONTH_S=2600000 $(BIN)/python -m pytest -q -s --timeout=86400 tests/scenario/test_month.py
+	HALOCLINE_MONTH_S=2750000 $(BIN)/python -m pytest -q -s --timeout=86400 tests/scenario/test_month.py
 
 first-day: $(READY)
 	HALOCLINE_FIRST_DAY=1 $(BIN)/python -m pytest -q tests/process/test_first_day.py
