@@ -220,7 +220,7 @@ export function drawScale(pen, view, font) {
   const pixels = length / view.metresPerPixel;
   const x = FRAME.left + 18;
   const y = view.height - FRAME.bottom - 20;
-  const text = distance(length).replace(/\.0+(?=\s)/, "");
+  const text = distance(length).replace(/(\.\d*?)0+(?=\s)/, "$1").replace(/\.(?=\s)/, "");
   pen.font = `600 ${font}`;
   pen.textAlign = "left";
   pen.textBaseline = "bottom";

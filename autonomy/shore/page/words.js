@@ -13,7 +13,9 @@ export const memory = ({ timescale_s }) => (timescale_s ? duration(timescale_s) 
 /** "13.1 km", or "13.1 × 4.2 km" where it depends on the direction. */
 export function extent(lengthscales) {
   const same = lengthscales.every((each) => Math.abs(each / lengthscales[0] - 1) < 1e-6);
-  return (same ? lengthscales.slice(0, 1) : lengthscales).map(distance).join(" × ");
+  const told = same ? lengthscales.slice(0, 1) : lengthscales;
+  const far = told.every((each) => each >= 1000);
+  return far ? `${told.map((each) => significant(each / 1000)).join(" × ")} km` : told.map(distance).join(" × ");
 }
 
 /** The standard deviation of a component, in the units of what is learnt. */
