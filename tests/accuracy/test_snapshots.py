@@ -144,7 +144,8 @@ def test_the_default_learners_model(place: Place) -> None:
         found = errors(field, model, read.model)
         told(f"{field.name} {precision} {inducing or ''}", data, read, found)
         if inducing is None:
-            assert found[0] <= 0.002
+            # A range may be a fraction of σf, in units of which the mean is rounded.
+            assert found[0] <= (0.005 if precision == "8 bit" else 0.002)
             assert found[2] <= 0.02
 
 
