@@ -17,6 +17,7 @@ __all__ = ["Observation", "StatusText", "Telemetry", "VehicleState"]
 
 _NAME_LENGTH = 10
 _REMEMBERED_READINGS = 1024
+_TWICE_S = 2.0  # a packet that comes twice does so sooner; its number comes again after 256 others
 _KEPT_EVENTS = 256
 _MISSED_HEARTBEATS = 5
 _FASTEST_HEARTBEAT_S = 0.4  # a vehicle whose clock runs fast isn't lost over one stall of this machine
@@ -114,13 +115,13 @@ class Telemetry:
         self._position_time_s = -math.inf
         self._heartbeats: deque[float] = deque(maxlen=_MISSED_HEARTBEATS + 1)
         self._heartbeat_s = 1.0
-        self._seen: dict[tuple[int, int, int, str], None] = {}
+        self._readings_heard: dict[tuple[int, int, int, str], float] = {}
         self._reached: deque[int] = deque(maxlen=_KEPT_EVENTS)
         self._texts: deque[StatusText] = deque(maxlen=_KEPT_EVENTS)
         self.dropped: Counter[str] = Counter()
+        """Readings that taught nothing, counted by reason."""
         self.position_heard = -math.inf
         """Protocol time of the last position of the vehicle."""
-        """Readings that taught nothing, counted by reason."""
         self._pairing = Pairing(pairing_gap_s, self.dropped)
         self.state: VehicleState | None = None
         self._handlers: dict[str, Callable[[float, Any], list[Observation]]] = {
@@ -216,7 +217,7 @@ class Telemetry:
         if self._clock.epoch != self._epoch:
             self._epoch = self._clock.epoch
             self._pairing.reset()
-            self._seen.clear()
+            self._readings_heard.clear()
 
     def _on_heartbeat(self, now: float, message: Any) -> None:
         if self.state is None:
@@ -279,22 +280,22 @@ class Telemetry:
         if model_time_s is None:
             self.dropped["time unknown"] += 1
             return []
-        if self._is_repeat(message):
+        if self._is_repeat(now, message):
             self.dropped["repeated"] += 1
             return []
         return self._pairing.add_reading(model_time_s, message.value)
 
-    def _is_repeat(self, message: Any) -> bool:
-        # Senders without a clock stamp zero; only the packet's number tells their readings apart.
-        sequence = message.get_seq() if message.time_boot_ms == 0 else 0
+    def _is_repeat(self, now: float, message: Any) -> bool:
+        # Senders without a clock stamp zero; only the packet's number tells their readings apart, for a while.
+        has_clock = message.time_boot_ms != 0
+        sequence = 0 if has_clock else message.get_seq()
         # As text, in which a NaN equals itself.
         key = (message.get_srcComponent(), message.time_boot_ms, sequence, repr(message.value))
-        if key in self._seen:
-            return True
-        self._seen[key] = None
-        if len(self._seen) > _REMEMBERED_READINGS:
-            del self._seen[next(iter(self._seen))]
-        return False
+        heard = self._readings_heard.pop(key, None)
+        self._readings_heard[key] = now
+        if len(self._readings_heard) > _REMEMBERED_READINGS:
+            del self._readings_heard[next(iter(self._readings_heard))]
+        return heard is not None and (has_clock or now - heard <= _TWICE_S)
 
     def _on_gps(self, now: float, message: Any) -> list[Observation]:
         self._update(gps_fix_type=message.fix_type)

@@ -233,9 +233,9 @@ class _UdpListener(_Udp):
         self._peers.pop(peer, None)  # to the end: the dictionary's order is the order of hearing
         self._peers[peer] = asyncio.get_running_loop().time()
         if len(self._peers) > _MAXIMUM_PEERS:
-            oldest = next(
-                (each for each in self._peers if each not in self._vouched), next(iter(self._peers))
-            )
+            # Not the newcomer, who may be the boat at another port, and be vouched for in a moment.
+            strangers = (each for each in self._peers if each not in self._vouched and each != peer)
+            oldest = next(strangers, next(iter(self._peers)))
             del self._peers[oldest]
             self._vouched.discard(oldest)
         super()._received(data, peer)

@@ -153,6 +153,20 @@ def test_a_probe_without_a_clock_is_heard_at_every_reading() -> None:
     assert len(telemetry.handle(1.0, boat.position(11.0))) == 4
 
 
+def test_a_probe_without_a_clock_may_say_the_same_for_hours() -> None:
+    """Its packets' numbers come again after 256, and a probe that rounds to a hundredth repeats itself."""
+    telemetry, boat = ready()
+    probe = Vehicle(1, 191)
+    observations: list[Observation] = []
+    for step in range(1000):
+        message = probe.reading(0.0, 33.5)
+        observations += telemetry.handle(float(step), message)
+        observations += telemetry.handle(step + 0.3, message)  # on a second way
+        observations += telemetry.handle(step + 0.5, boat.position(10.5 + step))
+    assert len(observations) == 1000 - 1  # one before the first position
+    assert telemetry.dropped["repeated"] == 1000 - 1
+
+
 def test_a_zero_stamp_of_the_autopilots_own_says_nothing_about_its_clock() -> None:
     telemetry, boat = ready()
     observations: list[Observation] = []

@@ -123,6 +123,25 @@ def test_strangers_do_not_crowd_out_a_peer_that_is_vouched_for(vouched: bool) ->
     run(test)
 
 
+def test_a_boat_that_comes_from_ever_new_ports_is_answered() -> None:
+    """Each start of a router between the two gives it another, and its last ones are vouched for too."""
+
+    async def test(recorder: Recorder) -> None:
+        port = free_port()
+        link = recorder.open(f"udpin:127.0.0.1:{port}")
+        await recorder.until(lambda: recorder.ups == 1)
+        for number in range(40):
+            with udp_socket() as boat:
+                boat.sendto(b"boat", ("127.0.0.1", port))
+                await recorder.until(lambda seen=number + 1: len(recorder.received) == seen)
+                link.vouch(boat.getsockname())
+                link.send(b"hello")
+                assert boat.recv(100) == b"hello"
+        await link.close()
+
+    run(test)
+
+
 def test_udpin_waits_for_an_address_in_use() -> None:
     async def test(recorder: Recorder) -> None:
         with udp_socket() as rival:
