@@ -48,7 +48,8 @@ accuracy: $(READY)
 	HALOCLINE_SEEDS=40 $(ACCURACY) tests/accuracy/test_fit_small.py
 	HALOCLINE_SEEDS=10 $(ACCURACY) tests/accuracy/test_rebuild.py
 	HALOCLINE_SEEDS=4 $(ACCURACY) tests/accuracy/test_moving.py
-	HALOCLINE_ACCURACY=long $(ACCURACY) tests/accuracy/test_static_fields.py tests/accuracy/test_coverage.py
+	HALOCLINE_ACCURACY=long $(ACCURACY) tests/accuracy/test_static_fields.py tests/accuracy/test_coverage.py \
+		tests/accuracy/test_snapshots.py
 
 routes: $(READY)
 	HALOCLINE_ACCURACY=long $(ACCURACY) \
