@@ -116,7 +116,10 @@ class Store:
         old = journal_files(folder)
         if old:
             cut_torn_tail(old[-1].path)
-        self.run = old[-1].run + 1 if old else 1
+        # A checkpoint may stand in a run whose files are gone: its number is not given again, or what follows would
+        # look older than the checkpoint.
+        resumed = header.get("resumed") or [0]
+        self.run = 1 + max(old[-1].run if old else 0, resumed[0])
         self._old = deque((file, _size(file)) for file in old)
         self._old_bytes = sum(size for _, size in self._old)
         self._files = 0
@@ -127,6 +130,8 @@ class Store:
         self._buffer = bytearray()
         self._stream = bytearray()
         self._packets = 0
+        self._unsynced_records = 0
+        self._unsynced_packets = 0
         self._last = 0
         self._dirty = False
         self.lost_records = 0
@@ -162,12 +167,12 @@ class Store:
         if self._open is None or not self._dirty:
             return
         try:
-            os.fsync(self._open.records)
-            os.fsync(self._open.stream)
+            self._put_on_disk(self._open)
         except OSError as error:
+            # Asked again, the system may say that all is well: it has forgotten what it could not write.
+            self._lose_unsynced()
             self._abandon(error)
             return
-        self._dirty = False
         self.synced = Position(self.run, self._last)
 
     def close(self) -> None:
@@ -223,11 +228,13 @@ class Store:
         if self._open is not None and self._buffer:
             if self._append(self._open.records, bytes(self._buffer), self._open.written):
                 self._open.written += len(self._buffer)
+                self._unsynced_records += len(self._rows)
             else:
                 self.lost_records += len(self._rows)
         if self._open is not None and self._stream:
             if self._append(self._open.stream, bytes(self._stream), self._open.stream_written):
                 self._open.stream_written += len(self._stream)
+                self._unsynced_packets += self._packets
             else:
                 self.lost_packets += self._packets
         elif self._stream:
@@ -303,7 +310,26 @@ class Store:
         else:
             self.lost_packets += 1
 
+    def _put_on_disk(self, current: _Open) -> None:
+        os.fsync(current.records)
+        os.fsync(current.stream)
+        self._dirty = False
+        self._unsynced_records = self._unsynced_packets = 0
+
+    def _lose_unsynced(self) -> None:
+        """What was written since the last sync is on no disk, as far as anybody can tell."""
+        self.lost_records += self._unsynced_records
+        self.lost_packets += self._unsynced_packets
+        self._dirty = False
+        self._unsynced_records = self._unsynced_packets = 0
+
     def _abandon(self, error: OSError) -> None:
+        """Begin another file after a pause; what this one holds is to last."""
+        if self._open is not None and self._dirty:
+            try:
+                self._put_on_disk(self._open)
+            except OSError:
+                self._lose_unsynced()
         self._shut()
         self.trouble = f"{error.strerror or error}: nothing is recorded"
         self._not_before = self._clock() + RETRY_S
