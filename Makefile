@@ -9,7 +9,7 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
-.PHONY: help setup demo test accuracy routes soak-learning soak-authority soak-restarts soak-links soak-decoders soak-month systemd-test soak-shore first-day fleet-test lint bench clean
+.PHONY: help setup demo test accuracy routes soak-learning soak-authority soak-restarts soak-links soak-decoders soak-month systemd-test soak-shore first-day fleet-test browser-test lint bench clean
 
 help:
 	@echo "make demo            a simulated vessel learns a patch of coast: three processes, about two minutes, one picture"
@@ -26,6 +26,7 @@ help:
 	@echo "make soak-month      a simulated month at sea under faults: two hours, alone on a core"
 	@echo "make first-day       docs/first-day.md, typed in from install to a boat under way: five minutes"
 	@echo "make fleet-test      a hundred vessels and one shore process: three minutes"
+	@echo "make browser-test    the page in a real Chromium: as root where chromium is missing, six minutes"
 	@echo "make lint            style, types and import contracts"
 	@echo "make bench           benchmarks, as ratios against references measured in the same run"
 	@echo "make clean           remove the virtual environment and caches"
@@ -95,6 +96,11 @@ first-day: $(READY)
 
 fleet-test: $(READY)
 	HALOCLINE_FLEET=100 $(BIN)/python -m pytest -q -s --timeout=600 tests/process/test_shore_serve.py -k fleet
+
+browser-test: $(READY)
+	command -v chromium || (apt-get update && apt-get install --yes chromium)
+	ls $(VENV)/axe-core-*.tgz >/dev/null 2>&1 || (cd $(VENV) && npm pack --silent axe-core@4)
+	HALOCLINE_BROWSER=1 $(BIN)/python -m pytest -q -s tests/browser
 
 lint: $(READY)
 	$(BIN)/ruff check .
