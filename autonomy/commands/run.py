@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         log.warning("%s", doubt)
     configuration = loaded.configuration
     try:
-        continuity, _ = open_continuity(configuration, survey, os.environ, afresh=arguments.afresh)
+        continuity, unkept = open_continuity(configuration, survey, os.environ, afresh=arguments.afresh)
         past = (None, ()) if continuity is None else (continuity.resumed, continuity.left_out)
         journal, unrecorded = open_journal(configuration, survey, os.environ, *past)
         signed_link = open_signed_link(configuration, os.environ)
@@ -72,6 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
             journal=journal,
             unrecorded=unrecorded,
             continuity=continuity,
+            unkept=unkept,
             signed_link=signed_link,
         )
         asyncio.run(daemon.run())

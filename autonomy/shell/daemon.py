@@ -46,6 +46,9 @@ _PROVISIONAL_SYSTEM_ID = 1
 
 _TEND_SIGNING_S = 1.0
 
+CERTIFICATE_S = 3600.0
+"""How often our own certificate is looked at: it may expire at sea, or only seem wrong until the clock is set."""
+
 DIGEST_EVERY = 60
 """Reports of health to one digest for satellite modems."""
 
@@ -61,6 +64,7 @@ class Daemon:
         unrecorded: why there is no journal although there should be one; goes into health.
         continuity: what earlier runs have left, and what keeps what this one knows; None: it begins with nothing,
             and leaves nothing.
+        unkept: why there is no continuity although there should be one; goes into health.
         signed_link: what signs and checks the packets of the link to the vehicle; None: nothing does.
     """
 
@@ -72,6 +76,7 @@ class Daemon:
         journal: Journal | None = None,
         unrecorded: str = "",
         continuity: Continuity | None = None,
+        unkept: str = "",
         signed_link: SignedLink | None = None,
     ) -> None:
         self._configuration = configuration
@@ -92,14 +97,14 @@ class Daemon:
             rate_limit_bytes_per_s=shore.rate_limit_bytes_per_s,
             digest_period_s=DIGEST_EVERY * shore.health_period_s,
         )
-        self._certificate_doubt = doubt(
-            configuration.vehicle.name, shore.tls.certificate, shore.tls.private_key
-        )
+        self._certificate = (configuration.vehicle.name, shore.tls.certificate, shore.tls.private_key)
+        self._certificate_doubt = doubt(*self._certificate)
         self._chart = survey_notice(configuration, survey, _corners(shore))
         self._safeguards: Safeguards | None = None
         self._worker = Worker(survey, self._job_finished, self._job_failed, run=job_runner)
         self._journal = journal
         self._unrecorded = unrecorded
+        self._unkept = unkept
         self._journal_told = ""
         self._notifier = Notifier(os.environ)
         self._transport: Transport | None = None
@@ -140,14 +145,23 @@ class Daemon:
             await self._close()
 
     async def _until_the_end(self, ended: "asyncio.Future[None]") -> None:
-        """Wait for the stop. The keepers of worker and link never end by themselves: if one does, so does the run."""
+        """Wait for the stop. What keeps worker and link never ends by itself: if one does, so does the run."""
         assert self._transport is not None
-        keepers = [self._worker.keeper, self._transport.keeper]
-        await asyncio.wait([ended, *keepers], return_when=asyncio.FIRST_COMPLETED)
+        watch = asyncio.create_task(self._watch_certificate())
+        keepers = [self._worker.keeper, self._transport.keeper, watch]
+        try:
+            await asyncio.wait([ended, *keepers], return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            watch.cancel()
         for keeper in keepers:
             if keeper.done():
                 keeper.result()
         ended.result()
+
+    async def _watch_certificate(self) -> None:
+        while True:
+            await asyncio.sleep(CERTIFICATE_S)
+            self._certificate_doubt = await asyncio.to_thread(doubt, *self._certificate)
 
     def _stop(self) -> None:
         if self._ended is None or self._ended.done():
@@ -205,18 +219,19 @@ class Daemon:
         try:
             for effect in self._handle(loop.time(), event):
                 self._carry_out(effect)
+            self._tell_fence()
+            due = self._core.next_deadline()
         except Exception as error:  # noqa: BLE001 -- whatever it is, the run is over and says so
             self._ended.set_exception(error)
             if self._continuity is not None:
                 self._continuity.crashed(self._journal)
             return
-        self._tell_fence()
         if self._continuity is not None and self._core.milestones != self._milestones:
             self._milestones = self._core.milestones
             self._continuity.keep(self._journal)
         if self._timer is not None:
             self._timer.cancel()
-        self._timer = loop.call_at(self._core.next_deadline(), self._happened, DeadlineReached())
+        self._timer = loop.call_at(due, self._happened, DeadlineReached())
 
     def _handle(self, now: float, event: Event) -> list[Effect]:
         """What the core asks for; event and effects are recorded, each before it has any consequence."""
@@ -240,7 +255,7 @@ class Daemon:
 
     def _journal_trouble(self) -> str:
         """What is wrong with the recording and the checkpoints; the log is told when the former changes."""
-        kept = "" if self._continuity is None else self._continuity.trouble
+        kept = self._unkept if self._continuity is None else self._continuity.trouble
         return "; ".join(filter(None, (self._recording_trouble(), kept and f"checkpoint: {kept}")))
 
     def _recording_trouble(self) -> str:

@@ -166,7 +166,7 @@ class Continuity:
         present = Moment.present()
         try:
             memory = self.core.checkpoint()
-        except TypeError:
+        except Exception:
             # A bug, but none that the survey should end for; the last checkpoint and the journal still hold.
             log.exception("no checkpoint can be made")
             self._unmade = "none can be made, see the log"

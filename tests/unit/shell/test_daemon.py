@@ -1,0 +1,100 @@
+"""The shell around the core: an error of the core's ends the run, and health tells what the core can't know."""
+
+import asyncio
+import socket
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+import shapely
+
+from autonomy.config import Configuration
+from autonomy.effects import Topic
+from autonomy.geometry import LocalFrame
+from autonomy.planning.survey import SurveyArea
+from autonomy.shell import daemon as module
+from autonomy.shell.daemon import Daemon
+
+
+@pytest.fixture
+def daemon() -> Callable[..., Daemon]:
+    """`daemon(**options)`: of a service whose vehicle never comes."""
+
+    def make(**options: Any) -> Daemon:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("127.0.0.1", 0))
+            endpoint = f"udpin:127.0.0.1:{free.getsockname()[1]}"
+        area = [(33.9, -118.9), (33.9, -118.8), (34.0, -118.8), (34.0, -118.9)]
+        configuration = Configuration.model_validate(
+            {"survey": {"area": area}, "mavlink": {"endpoint": endpoint}, "shore": {"health_period_s": 1.0}}
+        )
+        survey = SurveyArea.from_geometry(LocalFrame(33.95, -118.85), shapely.box(0, 0, 1000, 1000))
+        return Daemon(configuration, survey, **options)
+
+    return make
+
+
+@pytest.mark.parametrize("method", ["handle", "next_deadline"])
+def test_an_error_of_the_core_ends_the_run(
+    daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    """Else nobody would bring it events any more, while the watchdog is fed."""
+    subject = daemon()
+
+    right, calls = getattr(subject._core, method), count()
+
+    def wrong(*arguments: Any) -> Any:
+        if next(calls):
+            raise ZeroDivisionError("a bug")
+        return right(*arguments)
+
+    monkeypatch.setattr(subject._core, method, wrong)
+    with pytest.raises(ZeroDivisionError, match="a bug"):
+        asyncio.run(asyncio.wait_for(subject.run(), 30.0))
+
+
+def health_of(subject: Daemon, monkeypatch: pytest.MonkeyPatch, word: Callable[[Any], str]) -> None:
+    """Run until a health notice has something to say where `word` looks."""
+    publish = subject._publisher.publish
+
+    def looking(topic: Topic, payload: Any) -> None:
+        publish(topic, payload)
+        if topic is Topic.HEALTH and word(payload):
+            asyncio.get_running_loop().call_soon(subject._stop)
+
+    monkeypatch.setattr(subject._publisher, "publish", looking)
+    asyncio.run(asyncio.wait_for(subject.run(), 30.0))
+
+
+def test_health_says_why_nothing_is_kept(
+    daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    subject = daemon(unkept="/var/lib/halocline: Read-only file system: no checkpoints")
+    told: list[str] = []
+
+    def word(health: Any) -> str:
+        told.append(health.journal)
+        return str(health.journal)
+
+    health_of(subject, monkeypatch, word)
+    assert told[-1] == "checkpoint: /var/lib/halocline: Read-only file system: no checkpoints"
+
+
+def test_a_certificate_that_expires_at_sea_is_told(
+    daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    subject = daemon()
+    told: list[str] = []
+
+    def word(health: Any) -> str:
+        # From now on; it was good when the service started.
+        monkeypatch.setattr(module, "doubt", lambda *_files: "the certificate expires on 2031-01-01")
+        told.append(health.shore)
+        return str(health.shore)
+
+    monkeypatch.setattr(module, "CERTIFICATE_S", 0.1)
+    health_of(subject, monkeypatch, word)
+    assert told[0] == ""
+    assert told[-1] == "the certificate expires on 2031-01-01"
