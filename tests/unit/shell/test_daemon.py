@@ -46,7 +46,8 @@ def test_an_error_of_the_core_ends_the_run(
     right, calls = getattr(subject._core, method), count()
 
     def wrong(*arguments: Any) -> Any:
-        if next(calls):
+        # By then a timer calls, whose errors asyncio only logs.
+        if next(calls) >= 5:
             raise ZeroDivisionError("a bug")
         return right(*arguments)
 
