@@ -114,7 +114,8 @@ def basis_parts(basis: FloatArray) -> Any:
         corner = np.floor(0.5 * (steps.min(axis=0) + steps.max(axis=0)))
         if np.abs(steps - corner).max() < _MOST_STEPS and np.abs(corner).max() < 2.0**53:
             offsets = (steps - corner).astype(np.int64).ravel()
-            width = width_of(offsets)
+            # What is left of the last byte must be less than a place, or it would be read as one more.
+            width = max(width_of(offsets), -(-8 // basis.shape[1]))
             return [step, [int(c) for c in corner], width, pack_fixed(offsets, width)]
     return typed(basis.ravel())
 

@@ -13,6 +13,7 @@ from autonomy.learning.kernel import Component, Hyperparameters, Kernel
 from autonomy.learning.packing import pack
 from autonomy.learning.positions import grid_step_m, snapped
 from autonomy.learning.snapshot import SnapshotError
+from autonomy.learning.snapshot_parts import basis_from, basis_parts
 from autonomy.learning.sparse_gp import SparseOnlineGP
 from autonomy.learning.spatial import Matern32, SquaredExponential
 from autonomy.learning.temporal import MaternMotion, OrnsteinUhlenbeck
@@ -261,6 +262,16 @@ def test_a_hundred_basis_vectors_on_the_grid_take_less_than_four_and_a_half_kilo
     assert sizes["12 bit"] <= 4600
     assert sizes["16 bit"] <= 7000
     assert sizes["8 bit"] <= 2600
+
+
+@pytest.mark.parametrize("count", range(1, 12))
+@pytest.mark.parametrize("reach", [1, 3, 7])
+def test_places_within_a_few_steps_of_each_other_come_back_and_no_other(count, reach):
+    """So few bits each that in the last byte there would be room for one more."""
+    axis = np.arange(-reach, reach + 1.0)
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    places = np.random.default_rng(count).permutation(grid)[: min(count, len(grid))]
+    assert np.array_equal(basis_from({"basis": basis_parts(places)}, 2, 100), places)
 
 
 def test_two_groups_at_the_largest_capacity_fit():
