@@ -26,7 +26,7 @@ _LONGEST_S = 90.0
 """A question that is open for longer is given up, whatever the network says."""
 _RUNS = 8
 """Runs of the vehicle's software whose place is remembered."""
-_IN_VAIN = 3
+_IN_VAIN = 5
 """First questions without an answer after which what came by itself has to do."""
 
 
@@ -82,7 +82,8 @@ class Stream(Generic[Batch]):
         if place is not None and asked and batch.first == batch.oldest > place.next:
             self.missed += batch.oldest - place.next
             place.next = batch.oldest
-        self._early.append(batch)
+        if batch.items:
+            self._early.append(batch)
         if place is None:
             self._bound_early()
             return []

@@ -120,6 +120,17 @@ def test_where_nobody_answers_what_comes_by_itself_has_to_do() -> None:
     assert given_ == [str(number) for number in range(20)]
 
 
+def test_batches_of_nothing_are_not_kept() -> None:
+    """Anybody may send them without end: they wait for nothing, and no bound on items would ever let them go."""
+    stream = Stream[LogBatch](None)
+    joined(stream, batch(0, "a"))
+    for number in range(5, 10_000):
+        assert stream.take(batch(number, end=10_000)) == []
+    assert len(stream._early) == 0
+    piece = stream.question(10.0) or stream.question(10.0 + GRACE_S)
+    assert piece.first == 1, "that there is more is believed"
+
+
 def test_questions_in_vain_become_rare() -> None:
     stream = Stream[LogBatch](None)
     joined(stream, batch(0, "a", end=9))
