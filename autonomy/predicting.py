@@ -13,7 +13,8 @@ from autonomy.wire_values import ModelSnapshot
 
 MAXIMUM_POINTS = 20_000
 BYTES_PER_POINT = 16
-_MAXIMUM_REQUEST = 24 * MAXIMUM_POINTS
+MAXIMUM_REQUEST = 24 * MAXIMUM_POINTS
+"""Bytes of a request, at most."""
 _LONGEST_S = 366 * 86_400.0
 _GRID = ("south", "west", "north", "east", "rows", "columns")
 
@@ -63,7 +64,7 @@ def answer(request: bytes, snapshot: ModelSnapshot | None, most: int = MAXIMUM_P
 
 def _content(request: bytes) -> dict[str, Any]:
     try:
-        content = plain_cbor.load(request, maximum_bytes=_MAXIMUM_REQUEST, maximum_items=100, maximum_depth=4)
+        content = plain_cbor.load(request, maximum_bytes=MAXIMUM_REQUEST, maximum_items=100, maximum_depth=4)
     except plain_cbor.CBORError as error:
         raise WireError(f"predict: {error}") from None
     if not isinstance(content, dict):

@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 _LOOK_AROUND_S = 0.25
 _REOPEN_S = 5.0
 _UNASKED_S = 10.0
-_ANSWERS_IN_A_ROW = 10
+_ANSWERING_S = 0.25
 """Then it is looked whether there is something to publish: whoever asks without end does not keep us from it."""
 _PRIORITY = {
     Topic.MODEL: zenoh.Priority.DATA_LOW,
@@ -219,9 +219,9 @@ class Publisher:
             while (parcel := self._outbox.next(time.monotonic(), listened)) is not None:
                 publishers[parcel.topic].put(parcel.payload)
                 self._set_status(published=self._status.published + 1)
-            for _ in range(_ANSWERS_IN_A_ROW):
-                if not self._questions.answer_one(time.monotonic()):
-                    break
+            enough_s = time.monotonic() + _ANSWERING_S
+            while self._questions.answer_one(time.monotonic()) and time.monotonic() < enough_s:
+                continue
             self._look_around(session, publishers[Topic.MODEL])
             if stopping:
                 return

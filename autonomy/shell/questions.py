@@ -60,6 +60,10 @@ class Questions:
         except wire.WireError as error:
             _refuse(query, str(error))
             return
+        if query.payload is not None and len(query.payload) > predicting.MAXIMUM_REQUEST:
+            # It would be kept until its turn comes.
+            _refuse(query, f"a request must have at most {predicting.MAXIMUM_REQUEST} bytes")
+            return
         in_order = (*LATEST_WINS, *NUMBERED)
         asked = [topic for topic in in_order if query.key_expr.intersects(wire.key(self._vehicle, topic))]
         topics = deque(topic for topic in asked if topic in LATEST_WINS or piece is not None)

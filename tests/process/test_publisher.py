@@ -15,6 +15,7 @@ import pytest
 from autonomy import wire
 from autonomy.effects import Topic
 from autonomy.geometry import LocalFrame
+from autonomy.predicting import MAXIMUM_REQUEST
 from autonomy.shell.publisher import Publisher
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -114,6 +115,8 @@ def test_predictions_can_be_asked_for():
         assert str(reply.ok.encoding) == f"application/cbor;halocline/predict/{wire.VERSION}"
         (reply,) = ashore.get("usv/boat1/predict", payload=b"\xff", timeout=SOON_S)
         assert "predict: is not CBOR" in bytes(reply.err.payload).decode()
+        (reply,) = ashore.get("usv/boat1/predict", payload=bytes(MAXIMUM_REQUEST + 1), timeout=SOON_S)
+        assert "must have at most 480000 bytes" in bytes(reply.err.payload).decode()
         assert list(ashore.get("usv/boat1/predict", timeout=SOON_S)) == [], "nothing was asked"
 
 
