@@ -18,6 +18,7 @@ from aiohttp import ClientSession
 
 from autonomy.effects import Topic
 from autonomy.shore import serve_cli
+from autonomy.shore.recording import Recorder
 from autonomy.wire import LogNotice
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -47,8 +48,8 @@ def learnt():
 class Server:
     """`autonomy shore serve`, ready."""
 
-    def __init__(self, processes, *options):
-        self.endpoint = free_endpoint()
+    def __init__(self, processes, *options, endpoint=None):
+        self.endpoint = endpoint or free_endpoint()
         words = ("--listen", self.endpoint, "--http", "127.0.0.1:0", *map(str, options))
         self.process = processes.start("-m", "autonomy", "shore", "serve", *words)
         self.process.wait_for("/\n")
@@ -155,6 +156,32 @@ def test_what_was_recorded_is_there_after_a_restart(learnt, tmp_path):
         assert again.process.stop() == 0
 
 
+def test_a_vehicle_that_is_still_there_after_a_restart_tells_nothing_twice(learnt, tmp_path):
+    def told(server):
+        latest = server.json("/api/vehicle/boat1")
+        return latest and ([row[0] for row in latest["track"]], [line["text"] for line in latest["log"]])
+
+    def all_of(count):
+        return [float(number) for number in range(2 * count)], [
+            f"line {number + 1}" for number in range(count)
+        ]
+
+    with Processes() as processes:
+        options = ("--record", tmp_path / "kept")
+        server = Server(processes, *options)
+        with publisher(server.endpoint) as boat:
+            for sequence in (1, 2, 3):
+                publish_all(boat, learnt, sequence)
+            wait_until(lambda: told(server) == all_of(3), what="all is told once")
+            assert server.process.stop() == 0
+            # Nobody hears this as it is told.
+            publish_all(boat, learnt, 4)
+            again = Server(processes, *options, endpoint=server.endpoint)
+            publish_all(boat, learnt, 5)
+            wait_until(lambda: told(again) == all_of(5), what="all is told once")
+            assert again.process.stop() == 0
+
+
 def test_hostile_bytes_on_every_key_change_nothing(server, learnt):
     rng = np.random.default_rng(5)
     before = server.json("/api/server")["refused"]
@@ -228,6 +255,13 @@ def test_a_folder_without_a_recording_is_said(tmp_path, capsys):
     words = ("--listen", free_endpoint(), "--http", http, "--history", str(tmp_path))
     assert serve_cli.run(options_of(*words)) == 1
     assert "holds no recording" in capsys.readouterr().err
+
+
+def test_a_folder_that_another_records_in_is_said(tmp_path, capsys):
+    with Recorder(tmp_path):
+        words = ("--listen", free_endpoint(), "--http", "127.0.0.1:0", "--record", str(tmp_path))
+        assert serve_cli.run(options_of(*words)) == 1
+    assert capsys.readouterr().err == f"autonomy shore serve: another process records in {tmp_path}\n"
 
 
 def test_one_process_follows_a_fleet():

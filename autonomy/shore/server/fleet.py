@@ -14,7 +14,6 @@ from autonomy.shore.subscriber import Presence, Update
 from autonomy.wire import (
     HealthNotice,
     LogBatch,
-    LogNotice,
     ModelSnapshot,
     ObservationBatch,
     PlanNotice,
@@ -143,10 +142,9 @@ def _told(
             yield Topic.HEALTH.value, vehicle.health(health, received_utc_s)
         case SurveyNotice() as survey:
             yield Topic.SURVEY.value, vehicle.survey(survey)
-        case ObservationBatch(items=observations) | (tuple() as observations):
-            yield Topic.OBSERVATIONS.value, vehicle.observe(observations)
-        case LogBatch(items=lines):
-            for each in lines:
-                yield Topic.LOG.value, vehicle.log(each, received_utc_s)
-        case LogNotice() as line:
-            yield Topic.LOG.value, vehicle.log(line, received_utc_s)
+        case ObservationBatch() as batch:
+            if rows := vehicle.observe(batch):
+                yield Topic.OBSERVATIONS.value, rows
+        case LogBatch() as batch:
+            for line in vehicle.log(batch, received_utc_s):
+                yield Topic.LOG.value, line

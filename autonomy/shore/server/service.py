@@ -12,6 +12,7 @@ from pathlib import Path
 
 from aiohttp import web
 
+from autonomy.effects import Topic
 from autonomy.endpoints import Certificates
 from autonomy.shore.recording import Recorder, is_recording
 from autonomy.shore.server import guards
@@ -25,8 +26,10 @@ from autonomy.shore.server.nowcasts import Nowcasts
 from autonomy.shore.server.past import Past
 from autonomy.shore.server.state import Lag
 from autonomy.shore.subscriber import Subscriber, Update
+from autonomy.wire import LogNotice, decode, split_key
 
 _FAREWELL_S = 2.0
+_NUMBERED = (Topic.OBSERVATIONS.value, Topic.LOG.value)
 
 
 @dataclass(frozen=True)
@@ -66,10 +69,14 @@ class Inlet:
         self._lag.note(max(0.0, time.time() - received_utc_s))
         if self._recorder is not None:
             self._recorder.write(received_utc_s, key, encoding, payload)
+        vehicle, last = split_key(key)
+        if last in _NUMBERED:
+            self._fleet.take(Update(vehicle, decode(Topic(last), payload)), None, time.time())
 
     def updated(self, update: Update) -> None:
-        """What it says."""
-        self._fleet.take(update, self._payload, time.time())
+        """What it says; what comes in order has been taken with its numbers, which updates do not have."""
+        if not isinstance(update.value, tuple | LogNotice):
+            self._fleet.take(update, self._payload, time.time())
 
 
 async def serve(settings: Settings) -> None:
@@ -84,7 +91,7 @@ async def serve(settings: Settings) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stopping.set)
     fleet, lag = Fleet(), Lag()
     atelier = Atelier()
-    recorder = None if settings.record is None else Recorder(settings.record)
+    recorder = None if settings.record is None else _recorder(settings.record)
     try:
         inlet = Inlet(fleet, lag, recorder)
         subscriber = Subscriber(
@@ -117,6 +124,13 @@ async def serve(settings: Settings) -> None:
         atelier.close()
         if recorder is not None:
             recorder.close()
+
+
+def _recorder(folder: Path) -> Recorder:
+    try:
+        return Recorder(folder)
+    except BlockingIOError as error:
+        raise OSError(f"another process records in {folder}") from error
 
 
 async def _past(settings: Settings, fleet: Fleet, stopping: asyncio.Event) -> bool:

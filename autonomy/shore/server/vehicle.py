@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,15 @@ import numpy as np
 from autonomy.shore.server import plain
 from autonomy.shore.server.plain import Plain
 from autonomy.shore.server.thinning import Rows, Stops
-from autonomy.wire import HealthNotice, LogNotice, ModelSnapshot, ObservationNotice, PlanNotice, SurveyNotice
+from autonomy.wire import (
+    HealthNotice,
+    LogBatch,
+    LogNotice,
+    ModelSnapshot,
+    ObservationBatch,
+    PlanNotice,
+    SurveyNotice,
+)
 
 _TRACK_ROWS = 2000
 _SERIES_ROWS = 1000
@@ -19,6 +28,24 @@ _LOG_CHARACTERS = 50_000
 # What is kept of every model; and then its length-scales.
 _SERIES = ("utc_s", "model_time_s", "rho", "basis_size", "noise_sd", "samples")
 _MAXIMUM_LENGTHSCALES = 16
+
+
+@dataclass
+class _Taken:
+    """How far has been taken what a vehicle tells in order: it tells again what a recording had already.
+
+    Of one run of its software, the newest: no other is told again.
+    """
+
+    run: int | None = None
+    end: int = 0
+
+    def before(self, batch: ObservationBatch | LogBatch) -> int:
+        """How many items of a batch, the first ones, have been taken before; now all have."""
+        known = max(0, self.end - batch.first) if batch.run == self.run else 0
+        self.end = max(batch.first + len(batch.items), self.end if batch.run == self.run else 0)
+        self.run = batch.run
+        return known
 
 
 class Vehicle:
@@ -43,6 +70,7 @@ class Vehicle:
         self._plans: deque[Plain] = deque(maxlen=_PLANS)
         self._log: deque[Plain] = deque(maxlen=_LOG_LINES)
         self._log_characters = 0
+        self._taken = {ObservationBatch: _Taken(), LogBatch: _Taken()}
 
     def learn(self, value: ModelSnapshot, payload: bytes, received_utc_s: float) -> Plain:
         """Take a model and the bytes that it came in; only they are kept, for there may be many vehicles."""
@@ -90,15 +118,19 @@ class Vehicle:
         self._health = plain.health(value, received_utc_s)
         return self._health
 
-    def observe(self, values: tuple[ObservationNotice, ...]) -> list[list[float]]:
-        """Take readings."""
-        rows = plain.observations(values)
+    def observe(self, batch: ObservationBatch) -> list[list[float]]:
+        """Take readings; those that are new."""
+        rows = plain.observations(batch.items[self._taken[ObservationBatch].before(batch) :])
         for row in rows:
             self._track.add(row)
         return rows
 
-    def log(self, value: LogNotice, received_utc_s: float) -> Plain:
-        """Take a line of its log."""
+    def log(self, batch: LogBatch, received_utc_s: float) -> list[Plain]:
+        """Take lines of its log; those that are new."""
+        lines = batch.items[self._taken[LogBatch].before(batch) :]
+        return [self._log_line(line, received_utc_s) for line in lines]
+
+    def _log_line(self, value: LogNotice, received_utc_s: float) -> Plain:
         utc_s = received_utc_s if value.utc_s is None else value.utc_s
         line = {"utc_s": utc_s, "level": value.level, "text": value.text}
         if len(self._log) == _LOG_LINES:

@@ -27,7 +27,7 @@ from autonomy.shore.server.live import Live
 from autonomy.shore.server.nowcasts import Nowcasts
 from autonomy.shore.server.state import Lag
 from autonomy.shore.subscriber import Counters, Presence, Update
-from autonomy.wire import LogNotice, ObservationNotice
+from autonomy.wire import LogBatch, LogNotice, ObservationBatch, ObservationNotice
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "process"))
 from shore_helpers import (
@@ -61,8 +61,9 @@ def filled(snapshots, fleet):
     take(fleet, survey_notice())
     take(fleet, plan_notice(), at_s=UTC_S + 2.0)
     take(fleet, health_notice("on the way"), at_s=UTC_S + 3.0)
-    take(fleet, (observation(0), replace(observation(1), value=float("nan"), flag=9)))
-    take(fleet, LogNotice("warning", "shallow"), at_s=UTC_S + 4.0)
+    readings = (observation(0), replace(observation(1), value=float("nan"), flag=9))
+    take(fleet, ObservationBatch(1, 0, 0, 2, readings))
+    take(fleet, LogBatch(1, 0, 0, 1, (LogNotice("warning", "shallow"),)), at_s=UTC_S + 4.0)
 
 
 def asked(scenario, fleet=None, middlewares=(), page=None):
@@ -661,14 +662,45 @@ def test_ten_thousand_names_do_not_push_out_who_is_there(snapshots):
     assert {"boat1", *(f"real{number}" for number in range(20))} <= set(names)
 
 
+def test_what_a_vehicle_tells_again_is_not_taken_again():
+    fleet, told = Fleet(), []
+    fleet.tell(told.append)
+
+    def tell(run, first, end):
+        numbers = range(first, end)
+        lines = tuple(LogNotice("info", f"{run}.{number}") for number in numbers)
+        take(fleet, ObservationBatch(run, first, 0, end, tuple(map(observation, numbers))))
+        take(fleet, LogBatch(run, first, 0, end, lines))
+
+    # In pieces that overlap, wholly and in part; the numbers of another run are other numbers.
+    for piece in ((7, 0, 3), (7, 0, 3), (7, 1, 5), (7, 2, 4), (7, 5, 6), (3, 0, 2)):
+        tell(*piece)
+    latest = fleet.everything("boat1")
+    assert [row[0] for row in latest["track"]] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 0.0, 1.0]
+    assert [line["text"] for line in latest["log"]] == [
+        "7.0",
+        "7.1",
+        "7.2",
+        "7.3",
+        "7.4",
+        "7.5",
+        "3.0",
+        "3.1",
+    ]
+    # Nor is any page told again.
+    assert [line.data["text"] for line in told if line.kind == "log"] == [
+        line["text"] for line in latest["log"]
+    ]
+    assert sum(len(each.data) for each in told if each.kind == "observations") == 8
+    assert all(each.data for each in told)
+
+
 def test_a_log_of_long_lines_and_readings_without_end_stay_small():
     fleet = Fleet()
     for number in range(3000):
-        take(fleet, LogNotice("info", "x" * 2000))
-        take(
-            fleet,
-            tuple(ObservationNotice(number + k / 10, 34.4, -120.5, 33.0, 1, (1,) * 7) for k in range(10)),
-        )
+        take(fleet, LogBatch(1, number, 0, number + 1, (LogNotice("info", "x" * 2000),)))
+        rows = [ObservationNotice(number + k / 10, 34.4, -120.5, 33.0, 1, (1,) * 7) for k in range(10)]
+        take(fleet, ObservationBatch(1, 10 * number, 0, 10 * number + 10, tuple(rows)))
     latest = fleet.everything("boat1")
     assert sum(len(line["text"]) for line in latest["log"]) <= 50_000
     assert 1000 <= len(latest["track"]) <= 2001

@@ -14,7 +14,7 @@ from autonomy.shore.server import live
 from autonomy.shore.server.fleet import Fleet, Message
 from autonomy.shore.server.live import Client, Live
 from autonomy.shore.subscriber import Presence, Update
-from autonomy.wire import LogNotice
+from autonomy.wire import LogBatch, LogNotice, ObservationBatch
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "process"))
 from shore_helpers import health_notice, observation, plan_notice
@@ -103,13 +103,18 @@ async def handshake(client):
     return stream, writer
 
 
+def readings(number):
+    """The number-th reading of a run, by itself."""
+    return ObservationBatch(1, number, 0, number + 1, (observation(number),))
+
+
 def test_news_come_from_another_thread_in_their_order():
     def sail(fleet):
         for number in range(200):
-            fleet.take(Update("boat1", (observation(number),)), None, 5.0)
-            fleet.take(Update("boat2", (observation(number),)), None, 5.0)
+            fleet.take(Update("boat1", readings(number)), None, 5.0)
+            fleet.take(Update("boat2", readings(number)), None, 5.0)
         fleet.take(Update("boat1", plan_notice(7)), None, 6.0)
-        fleet.take(Update("boat1", LogNotice("info", "done")), None, 7.0)
+        fleet.take(Update("boat1", LogBatch(1, 0, 0, 1, (LogNotice("info", "done"),))), None, 7.0)
 
     async def scenario(client, fleet, news):
         socket = await joined(client, fleet, "/live?vehicles=boat1,sentinel")
@@ -147,7 +152,7 @@ def test_a_page_that_is_too_slow_is_told_what_it_lost_and_hung_up_on():
         socket = await joined(client, fleet)
         # All at once: the event loop, on which this runs, has no turn in between to send any of it.
         for number in range(1000):
-            fleet.take(Update("boat1", (observation(number),)), None, 5.0)
+            fleet.take(Update("boat1", readings(number)), None, 5.0)
         heard = []
         async for message in socket:
             heard.append(json.loads(message.data))
