@@ -16,10 +16,14 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, BinaryIO
 
 LENGTH = struct.Struct(">Q")
 NICENESS = 10
+OOM_SCORE = 500
+"""By how many thousandths of all memory the worker looks larger than it is to the kernel that needs a victim."""
+
 _PR_SET_PDEATHSIG = 1
 
 
@@ -66,6 +70,9 @@ def _detach() -> tuple[BinaryIO, BinaryIO]:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     with contextlib.suppress(PermissionError):
         os.nice(NICENESS)
+    with contextlib.suppress(OSError):
+        # Where memory runs out, better no plan for a while than no service.
+        Path("/proc/self/oom_score_adj").write_text(str(OOM_SCORE))
     incoming, outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     with open(os.devnull, "rb") as nothing:
         os.dup2(nothing.fileno(), 0)

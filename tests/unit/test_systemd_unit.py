@@ -41,6 +41,7 @@ def settings(file: Path) -> dict[str, list[str]]:
         ("Service.RestartSec", "2"),
         ("Service.RestartPreventExitStatus", str(EXIT_CONFIGURATION)),
         ("Service.WatchdogSec", "10"),
+        ("Service.OOMPolicy", "continue"),
         ("Service.DynamicUser", "yes"),
         ("Service.StateDirectory", "halocline/%i"),
         (

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from autonomy.shell.worker import Worker
+from autonomy.shell.worker_process import OOM_SCORE
 
 HERE = Path(__file__).parent
 LONG_S = 60.0
@@ -84,6 +85,18 @@ def test_the_loop_turns_while_a_big_result_comes_in():
                 turns += 1
                 await asyncio.sleep(0)
             assert turns > 100
+
+    in_loop(scenario())
+
+
+def test_the_kernel_takes_the_worker_before_the_service():
+    async def scenario():
+        async with Desk() as desk:
+            _, _, pid = await desk.ask(1, "pid")
+            of_worker, of_service = (
+                int(Path(f"/proc/{process}/oom_score_adj").read_text()) for process in (pid, "self")
+            )
+            assert of_worker == max(of_service, OOM_SCORE)
 
     in_loop(scenario())
 
