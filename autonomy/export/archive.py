@@ -175,14 +175,15 @@ class Archive:
             self._keep(*self._newest)
         self._window = window
         self._clock.by_arrival = date_by_arrival
-        tables = ("models", "states", "readings")
-        runs = self._select(" UNION ".join(f"SELECT run FROM {table}" for table in tables))
-        undated = [run for (run,) in runs if not self._clock.knows(run)]
-        if undated and not date_by_arrival:
-            raise ExportError(
-                f"{self.vehicle} did not know UTC in {len(undated)} of its runs, so nothing says when that was; "
-                "--date-by-arrival dates them by the clock of whoever received what it told"
-            )
+        if not date_by_arrival:
+            self._leave_out_idle_runs()
+            undated = self._undated("models", "states", "readings")
+            if undated:
+                raise ExportError(
+                    f"{self.vehicle} did not tell UTC in {len(undated)} of its runs, as its models do once it knows "
+                    "it, so nothing says when that was; --date-by-arrival dates them by the clock of whoever received "
+                    "what it told"
+                )
         for number, run, at in self._select(
             "SELECT id, run, model_time FROM models WHERE utc IS NULL"
         ).fetchall():
@@ -196,6 +197,21 @@ class Archive:
             (count,) = self._select("SELECT COUNT(*) FROM readings WHERE run = ?", run).fetchone()
             if count < end:
                 self._regret(f"{end - count} of {end} observations of a run of {self.vehicle} are missing")
+
+    def _undated(self, *tables: str) -> set[int]:
+        """The runs in these tables whose time nothing tells."""
+        runs = self._select(" UNION ".join(f"SELECT run FROM {table}" for table in tables))
+        return {run for (run,) in runs if not self._clock.knows(run)}
+
+    def _leave_out_idle_runs(self) -> None:
+        """Runs without UTC in which nothing was read, such as a start at the quay, do not keep the others back."""
+        idle = self._undated("states", "plans", "lines") - self._undated("models", "readings")
+        for run in idle:
+            self._database.execute("DELETE FROM states WHERE run = ?", (run,))
+            self._database.execute("DELETE FROM plans WHERE run = ?", (run,))
+            self._database.execute("DELETE FROM lines WHERE run = ? AND utc IS NULL", (run,))
+        if idle:
+            self._regret(f"left out: {len(idle)} runs of {self.vehicle} without a reading, a model or UTC")
 
     # Reading -------------------------------------------------------------------------------------------------
 

@@ -13,11 +13,19 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from told import LATE_S, RUN, UTC_S, Told, health, record
+from told import LATE_S, RUN, UTC_S, Told, health, plan, record
 
 from autonomy import cli
 from autonomy.shore.recording import Recorder
-from autonomy.wire import HealthNotice, LogBatch, ModelSnapshot, ObservationBatch, SurveyNotice, encode
+from autonomy.wire import (
+    HealthNotice,
+    LogBatch,
+    LogNotice,
+    ModelSnapshot,
+    ObservationBatch,
+    SurveyNotice,
+    encode,
+)
 
 Export = Callable[..., tuple[int, str]]
 
@@ -207,13 +215,40 @@ def test_nothing_is_dated_that_the_vehicle_did_not_date(tmp_path: Path, export: 
     source = record(tmp_path / "recording", undated.messages)
     code, said = export(source, "--csv", tmp_path / "a.csv")
     assert code == 65
-    assert "boat1 did not know UTC" in said
+    assert "boat1 did not tell UTC in 1 of its runs" in said
     words = ("--csv", tmp_path / "a.csv", "--netcdf", tmp_path / "a.nc", "--date-by-arrival")
     assert export(source, *words)[0] == 0
     first = pd.read_csv(tmp_path / "a.csv", parse_dates=["time_utc"])["time_utc"][0].timestamp()
     assert first == pytest.approx(UTC_S + LATE_S + undated.readings[0].model_time_s, abs=0.01)
     with xr.open_dataset(tmp_path / "a.nc") as maps:
         assert "times are those of the arrival" in maps.attrs["comment"]
+
+
+def test_a_start_at_the_quay_does_not_keep_the_survey_back(tmp_path: Path, export: Export) -> None:
+    """A run that ends before there is a model, with which UTC comes, or anything else of worth."""
+    told = Told(3)
+    quay = [
+        (UTC_S - 100.0, health(5.0, (0.0, 0.0), run=RUN + 1)),
+        (UTC_S - 99.0, plan(7)),
+        (
+            UTC_S - 98.0,
+            LogBatch(RUN + 1, 0, 0, 2, (LogNotice("info", "dated", UTC_S), LogNotice("info", "not"))),
+        ),
+    ]
+    source = record(tmp_path / "recording", [*quay, *told.messages])
+    words = ("--csv", tmp_path / "a.csv", "--geojson", tmp_path / "a.geojson", "--mcap", tmp_path / "a.mcap")
+    code, said = export(source, *words)
+    assert (code, said) == (0, "left out: 1 runs of boat1 without a reading, a model or UTC\n")
+    assert len(pd.read_csv(tmp_path / "a.csv")) == len(told.readings)
+    features = json.loads((tmp_path / "a.geojson").read_text())["features"]
+    assert 7 not in {each["properties"].get("plan") for each in features}
+    # With a reading it is worth asking when that was.
+    lost = ObservationBatch(RUN + 1, 0, 0, 1, tuple(told.readings[:1]))
+    source = record(tmp_path / "other", [*quay, (UTC_S - 97.0, lost), *told.messages])
+    code, said = export(source, *words, "--force")
+    assert code == 65
+    assert "--date-by-arrival" in said
+    assert export(source, *words, "--force", "--date-by-arrival") == (0, "")
 
 
 def test_readings_from_before_utc_was_known_are_dated_by_what_came_later(
