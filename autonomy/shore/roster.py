@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from autonomy import wire
 from autonomy.effects import Topic
 from autonomy.observation_ring import ObservationRing
+from autonomy.shore.greeting import Greeting
 from autonomy.shore.streams import Stream
 
 MAXIMUM_VEHICLES = 256
@@ -40,6 +41,7 @@ class Entry:
         track: the observations, oldest first.
         observations: puts them together.
         lines: the same for the log.
+        greeting: whether it is to be asked for its newest values.
         live_since: number of the last query when something came by itself, by topic.
         was_alive: whether its token was ever seen.
     """
@@ -48,6 +50,7 @@ class Entry:
     track: ObservationRing
     observations: Stream[wire.ObservationBatch]
     lines: Stream[wire.LogBatch]
+    greeting: Greeting = field(default_factory=Greeting)
     live_since: dict[Topic, int] = field(default_factory=dict)
     was_alive: bool = False
 

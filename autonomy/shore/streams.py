@@ -9,6 +9,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
+from autonomy.shore.greeting import LONGEST_S, PATIENCE_S
 from autonomy.wire_questions import Piece
 from autonomy.wire_values import LogBatch, ObservationBatch
 
@@ -18,12 +19,8 @@ PIECE = 4096
 """Items asked for at a time, at most."""
 GRACE_S = 0.5
 """What is missing for less may just have been overtaken."""
-PATIENCE_S = (1.0, 60.0)
-"""Pause after the first question that brought nothing, and after the last of many."""
 _EARLY = 4096
 """Items that came too early, kept at most; others are asked for later."""
-_LONGEST_S = 90.0
-"""A question that is open for longer is given up, whatever the network says."""
 _RUNS = 8
 """Runs of the vehicle's software whose place is remembered."""
 _IN_VAIN = 5
@@ -102,7 +99,7 @@ class Stream(Generic[Batch]):
         elif self._missing_since is None:
             self._missing_since = now
         due = self._greeting or (self._missing_since is not None and now - self._missing_since >= GRACE_S)
-        given_up = self._open is not None and now >= self._asked_s + _LONGEST_S
+        given_up = self._open is not None and now >= self._asked_s + LONGEST_S
         if not due or now < self._not_before or not (self._open is None or given_up):
             return None
         self._asked_s = now

@@ -5,20 +5,16 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, Literal
-
-import zenoh
+from typing import Any
 
 from autonomy import wire
 from autonomy.effects import Topic
-from autonomy.endpoints import Certificates, session_settings
+from autonomy.endpoints import Certificates
 from autonomy.observation_ring import notices
 from autonomy.shore.inbox import Arrival, Inbox
 from autonomy.shore.roster import MAXIMUM_VEHICLES, Entry, Roster, VehicleView
+from autonomy.shore.session import ROLL_CALL_S, ShoreSession
 from autonomy.shore.streams import Stream
-from autonomy.wire_questions import Piece
-from autonomy.zenoh_session import zenoh_config
 
 __all__ = ["Counters", "OnArrival", "Presence", "Subscriber", "Update", "VehicleView"]
 
@@ -29,11 +25,11 @@ OnArrival = Callable[[float, str, str, bytes], None]
 
 _QUEUE_LIMIT = 10_000
 _QUEUE_BYTES = 256 * 2**20
-_QUERY_TIMEOUT_S = 60.0
-_RETRY_S = 1.0
 _SWEEP_S = 0.2
-_ROLL_CALL_S = 20.0
+_READY_S = 10.0
 _TOPICS = {topic.value: topic for topic in Topic}
+_EVERYTHING = "*"
+"""The last part of the key under which a vehicle is asked for the newest of everything."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +67,10 @@ class Counters:
 class Subscriber:
     """Follows one vehicle, or all of them, from a thread of its own; use it as a context manager.
 
-    Whenever a vehicle appears (also again, after its or the router's restart) its last values are asked for,
-    so that a late joiner needn't wait for the next. Observations and lines of the log are given on in order, none
-    twice, and those that did not come are asked for. What others send is decoded with bounds: anything that isn't what
-    its key promises is counted and logged, never raised.
+    Whenever a vehicle appears (also again, after its or the router's restart) its last values are asked for until it
+    answers, so that a late joiner needn't wait for the next. Observations and lines of the log are given on in order,
+    none twice, and those that did not come are asked for. What others send is decoded with bounds: anything that isn't
+    what its key promises is counted and logged, never raised.
 
     Args:
         vehicle: name, or "*" for all.
@@ -109,22 +105,17 @@ class Subscriber:
             raise ValueError(f"not a vehicle: {vehicle!r}: must be * or match {wire.VEHICLE_NAME.pattern}")
         if bool(connect) == bool(listen):
             raise ValueError("either connect to a router or listen as one")
-        mode: Literal["router", "client"] = "router" if listen else "client"
-        self._settings = session_settings(mode, connect=connect, listen=listen, certificates=certificates)
-        self._listen = list(listen)
-        self._selector = vehicle
         self._on_update = on_update
         self._on_arrival = on_arrival
         self._inbox = Inbox(_QUEUE_LIMIT, _QUEUE_BYTES)
+        self._session = ShoreSession(vehicle, connect, listen, certificates, self._inbox, self._count)
         self._roster = Roster(track_limit, history, log_history)
-        self._stopping = threading.Event()
+        self._stopping, self._following = threading.Event(), threading.Event()
         self._changed = threading.Condition()
         self._counters = Counters()
         self._outdated: set[str] = set()
         self._updates = 0
-        self._queries = 0
         self._swept_s = self._called_s = 0.0
-        self._session: zenoh.Session | None = None
         self._thread = threading.Thread(target=self._run, name="subscriber", daemon=True)
 
     def __enter__(self) -> "Subscriber":
@@ -135,19 +126,20 @@ class Subscriber:
         self.close()
 
     def start(self) -> None:
-        """Open the session: at once as a router, in the thread (which waits for a router) as a client."""
-        if self._listen:
-            try:
-                self._session = zenoh.open(zenoh_config(self._settings))
-            except zenoh.ZError as error:
-                raise OSError(f"cannot listen at {', '.join(self._listen)}: {error}") from error
+        """Open the session: at once as a router, in the thread (which waits for a router) as a client.
+
+        A router hears from then on; a client when it has found its router.
+        """
+        self._session.listen()
         self._thread.start()
+        if self._session.is_open:
+            self._following.wait(_READY_S)
 
     def close(self, timeout_s: float = 5.0) -> None:
         """End the thread and close the session, within the timeout; a dial under way ends by itself."""
         self._stopping.set()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
-            self._thread.join(timeout_s if self._session is not None else 0.1)
+            self._thread.join(timeout_s if self._session.is_open else 0.1)
 
     def vehicles(self) -> list[str]:
         """Names of the vehicles heard of, sorted."""
@@ -192,86 +184,39 @@ class Subscriber:
                     self._changed.wait(remaining)
 
     def _run(self) -> None:
-        session = self._session or self._dial()
-        if session is None:
-            return
-        self._session = session
-        with (
-            session,
-            session.declare_subscriber(f"usv/{self._selector}/*", self._on_sample),
-            session.liveliness().declare_subscriber(
-                wire.alive_key(self._selector), self._on_token, history=True
-            ),
-        ):
+        with self._session.following(self._stopping):
+            self._following.set()
+            # Whose token stands already is told us anyhow.
+            self._called_s = time.monotonic()
             while not self._stopping.is_set():
                 arrival = self._inbox.take(timeout_s=0.1)
                 if arrival is not None:
-                    self._take(session, arrival)
-                self._sweep(session)
+                    self._take(arrival)
+                self._sweep()
 
-    def _dial(self) -> zenoh.Session | None:
-        """A client's session; zenoh raises while there is no router."""
-        complained = False
-        while not self._stopping.is_set():
-            try:
-                return zenoh.open(zenoh_config(self._settings))
-            except zenoh.ZError as error:
-                if not complained:
-                    log.info("no router yet (%s); dialling on", error)
-                complained = True
-            self._stopping.wait(_RETRY_S)
-        return None
-
-    def _arrive(self, key: str, **details: Any) -> None:
-        if not self._inbox.put(Arrival(key, time.time(), **details)):
-            self._count(dropped=1)
-
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        # The size is looked at before anything is copied.
-        if sample.kind == zenoh.SampleKind.PUT and len(sample.payload) <= wire.MAXIMUM_BYTES:
-            self._arrive(str(sample.key_expr), encoding=str(sample.encoding), payload=bytes(sample.payload))
-        else:
-            self._count(refused=1)
-
-    def _on_token(self, sample: zenoh.Sample) -> None:
-        self._arrive(str(sample.key_expr), alive=sample.kind == zenoh.SampleKind.PUT)
-
-    def _on_roll_call(self, reply: zenoh.Reply) -> None:
-        if reply.ok is not None:
-            self._arrive(str(reply.ok.key_expr), alive=True, roll_call=True)
-
-    def _on_reply(self, reply: zenoh.Reply, query: int, piece: Piece | None) -> None:
-        sample = reply.ok
-        if sample is not None and len(sample.payload) <= wire.MAXIMUM_BYTES:
-            self._arrive(
-                str(sample.key_expr),
-                encoding=str(sample.encoding),
-                payload=bytes(sample.payload),
-                query=query,
-                piece=piece,
-            )
-
-    def _take(self, session: zenoh.Session, arrival: Arrival) -> None:
+    def _take(self, arrival: Arrival) -> None:
         try:
             vehicle, last = wire.split_key(arrival.key)
             if arrival.alive is not None:
                 known = self._roster.get(vehicle)
                 if not (arrival.roll_call and known is not None and known.view.alive):
-                    self._presence(session, vehicle, arrival.alive)
+                    self._presence(vehicle, arrival.alive)
+                return
+            if arrival.closed:
+                self._closed(vehicle, last, arrival)
                 return
             if last not in _TOPICS:
                 raise wire.WireError(f"{arrival.key}: must end in {', '.join(_TOPICS)}")
             topic = _TOPICS[last]
-            if arrival.closed:
-                self._closed(vehicle, topic, arrival)
-                return
+            if arrival.query is not None and arrival.piece is None:
+                self._answered(vehicle)
             value = wire.decode(topic, arrival.payload)
             if isinstance(value, wire.ModelSnapshot) and value.vehicle != vehicle:
                 raise wire.WireError(f"{arrival.key}: is a model of {value.vehicle}")
             with self._changed:
                 entry = self._roster.entry(vehicle)
             self._keep(entry, topic, value, arrival)
-            self._ask(session, entry)
+            self._ask(entry)
         except wire.VersionError as error:
             if arrival.key not in self._outdated and len(self._outdated) < MAXIMUM_VEHICLES * len(_TOPICS):
                 self._outdated.add(arrival.key)
@@ -281,72 +226,65 @@ class Subscriber:
             log.warning("refused: %s", error)
             self._count(refused=1)
 
-    def _presence(self, session: zenoh.Session, vehicle: str, alive: bool) -> None:
+    def _presence(self, vehicle: str, alive: bool) -> None:
         with self._changed:
             entry = self._roster.entry(vehicle, has_token=alive)
             entry.view = replace(entry.view, alive=alive)
             entry.was_alive = entry.was_alive or alive
         if alive:
-            self._get(session, f"usv/{vehicle}/*", None, None)
+            entry.greeting.begin()
             entry.observations.greet()
             entry.lines.greet()
-            self._ask(session, entry)
+            self._ask(entry)
         self._tell(Update(vehicle, Presence(alive)))
 
-    def _sweep(self, session: zenoh.Session) -> None:
+    def _sweep(self) -> None:
         """Look now and then whether a vehicle is to be asked for anything."""
         now = time.monotonic()
         if now >= self._swept_s + _SWEEP_S:
             self._swept_s = now
             for entry in self._roster:
-                self._ask(session, entry)
-        if now >= self._called_s + _ROLL_CALL_S:
-            # After a break in the line a token is not always told again.
+                self._ask(entry)
+        if now >= self._called_s + ROLL_CALL_S:
             self._called_s = now
-            session.liveliness().get(
-                wire.alive_key(self._selector), self._on_roll_call, timeout=_ROLL_CALL_S / 2.0
-            )
+            self._session.call_roll()
 
-    def _ask(self, session: zenoh.Session, entry: Entry) -> None:
-        """Ask a vehicle for what is missing of what it told in order, unless it is known to be gone."""
+    def _ask(self, entry: Entry) -> None:
+        """Ask a vehicle for its newest values and for what is missing of what it told in order.
+
+        Not one that is known to be gone.
+        """
         if entry.was_alive and not entry.view.alive:
             return
-        now = time.monotonic()
+        now, vehicle = time.monotonic(), entry.view.vehicle
+        if entry.greeting.question(now):
+            self._session.ask(f"usv/{vehicle}/{_EVERYTHING}")
         streams: tuple[tuple[Topic, Stream[Any]], ...]
         streams = ((Topic.OBSERVATIONS, entry.observations), (Topic.LOG, entry.lines))
         for topic, stream in streams:
             piece = stream.question(now)
             if piece is not None:
-                name = wire.key(entry.view.vehicle, topic)
-                self._get(session, f"{name}?{piece.parameters}", name, piece)
+                self._session.ask(wire.key(vehicle, topic), piece)
 
-    def _get(self, session: zenoh.Session, selector: str, closes: str | None, piece: Piece | None) -> None:
-        """Send a question; the answers arrive as if by themselves, and their end too if `closes` is their key."""
-        self._queries += 1
-        on_reply = partial(self._on_reply, query=self._queries, piece=piece)
-        on_end = None if closes is None else partial(self._arrive, closes, closed=True, piece=piece)
-        session.get(
-            selector,
-            zenoh.handlers.Callback(on_reply, on_end),
-            timeout=_QUERY_TIMEOUT_S,
-            # Also storages on the way may have something; what is no news is left out here.
-            target=zenoh.QueryTarget.ALL,
-            # Keeps every answer: values of different topics, never of different times.
-            consolidation=zenoh.ConsolidationMode.NONE,
-        )
-
-    def _closed(self, vehicle: str, topic: Topic, arrival: Arrival) -> None:
+    def _answered(self, vehicle: str) -> None:
         entry = self._roster.get(vehicle)
-        if entry is None or arrival.piece is None:
+        if entry is not None:
+            entry.greeting.answered()
+
+    def _closed(self, vehicle: str, last: str, arrival: Arrival) -> None:
+        entry = self._roster.get(vehicle)
+        if entry is None:
             return
-        if topic is Topic.OBSERVATIONS:
+        if last == _EVERYTHING:
+            entry.greeting.closed()
+        elif arrival.piece is not None and last == Topic.OBSERVATIONS.value:
             self._give_observations(entry, entry.observations.closed(arrival.piece), arrival, None)
-        elif topic is Topic.LOG:
+        elif arrival.piece is not None and last == Topic.LOG.value:
             self._give_lines(entry, entry.lines.closed(arrival.piece), arrival, None)
 
     def _keep(self, entry: Entry, topic: Topic, value: wire.Message, arrival: Arrival) -> None:
         if arrival.query is None:
-            entry.live_since[topic] = self._queries
+            entry.live_since[topic] = self._session.queries
         elif arrival.piece is None and entry.live_since.get(topic, -1) >= arrival.query:
             # What came by itself since we asked is at least as new as the answer.
             return

@@ -191,15 +191,35 @@ def test_what_was_heard_live_is_not_undone_by_an_older_answer(learnt):
     def keep(value, query):
         shore._keep(entry, Topic.MODEL, value, Arrival("usv/boat1/model", 0.0, query=query))
 
-    shore._queries = 1
+    shore._session.queries = 1
     keep(newer, None)
     keep(older, 1)
     assert shore.latest("boat1").model is newer
-    shore._queries = 2
+    shore._session.queries = 2
     keep(older, 2)
     assert shore.latest("boat1").model is older
     keep(older, None)
     assert len(seen) == 2
+
+
+def test_a_vehicle_that_does_not_answer_at_first_is_asked_again():
+    """As a router does for it that knows of the vehicle's token already, and not yet that it answers."""
+    endpoint = free_endpoint()
+    payload = encode(plan_notice(7))
+
+    def answer(query):
+        with query:
+            query.reply("usv/boat1/plan", payload)
+
+    with (
+        Subscriber("boat1", listen=[endpoint]) as shore,
+        session("client", connect=[endpoint]) as boat,
+        boat.liveliness().declare_token("usv/boat1/alive"),
+    ):
+        assert shore.wait_for(lambda one: one.latest("boat1").alive, SOON_S)
+        assert shore.latest("boat1").plan is None
+        with boat.declare_queryable("usv/boat1/*", answer):
+            assert shore.wait_for(lambda one: one.latest("boat1").plan == plan_notice(7), SOON_S)
 
 
 def test_arguments_are_checked():

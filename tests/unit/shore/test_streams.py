@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autonomy.shell.backlog import Lines
-from autonomy.shore.streams import GRACE_S, PATIENCE_S, Stream
+from autonomy.shore.greeting import PATIENCE_S
+from autonomy.shore.streams import GRACE_S, Stream
 from autonomy.wire import LogBatch, LogNotice
 
 
