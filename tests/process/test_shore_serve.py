@@ -18,8 +18,8 @@ from aiohttp import ClientSession
 
 from autonomy.effects import Topic
 from autonomy.shore import serve_cli
-from autonomy.shore.recording import Recorder
-from autonomy.wire import LogNotice
+from autonomy.shore.recording import Recorder, is_recording, read_recording
+from autonomy.wire import LogNotice, decode
 
 sys.path.insert(0, str(Path(__file__).parent))
 from processes import SOON_S, Processes, free_port, wait_until
@@ -180,6 +180,23 @@ def test_a_vehicle_that_is_still_there_after_a_restart_tells_nothing_twice(learn
             publish_all(boat, learnt, 5)
             wait_until(lambda: told(again) == all_of(5), what="all is told once")
             assert again.process.stop() == 0
+
+
+def test_a_recording_has_all_that_was_told_before_the_server_was_there(learnt, tmp_path):
+    def lines():
+        found = [one for one in read_recording(tmp_path) if one.topic == "log"]
+        return [line.text for one in found for line in decode(Topic.LOG, one.payload).items]
+
+    endpoint = free_endpoint()
+    with Processes() as processes, publisher(endpoint) as boat:
+        # More than a page shows.
+        wanted = [f"line {number}" for number in range(500)]
+        for text in wanted:
+            boat.publish(Topic.LOG, LogNotice("info", text))
+        boat.publish(Topic.HEALTH, health_notice())
+        server = Server(processes, "--record", tmp_path, endpoint=endpoint)
+        wait_until(lambda: is_recording(tmp_path) and lines() == wanted, what="all lines are recorded")
+        assert server.process.stop() == 0
 
 
 def test_hostile_bytes_on_every_key_change_nothing(server, learnt):

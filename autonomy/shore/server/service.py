@@ -29,6 +29,8 @@ from autonomy.shore.subscriber import Subscriber, Update
 from autonomy.wire import LogNotice, decode, split_key
 
 _FAREWELL_S = 2.0
+# What is recorded is to be whole; the page alone does with the last hours.
+_WHOLE: dict[str, None] = {"history": None, "log_history": None}
 _NUMBERED = (Topic.OBSERVATIONS.value, Topic.LOG.value)
 
 
@@ -101,6 +103,7 @@ async def serve(settings: Settings) -> None:
             on_update=inlet.updated,
             on_arrival=inlet.arrived,
             track_limit=1,
+            **({} if recorder is None else _WHOLE),
             certificates=settings.certificates,
         )
         nowcasts = Nowcasts(fleet, atelier)
