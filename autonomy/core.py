@@ -296,7 +296,7 @@ class Core:
         self._watch_water()
         self._watch_budget(now)
         self._look(now)
-        self._course.watch(now)
+        self._watch_course(now)
         decision = self._decide(now)
         if decision is not None:
             self._start(now, decision)
@@ -334,6 +334,19 @@ class Core:
             self._send(self._helm.say("halocline: stalled, sails elsewhere"))
             self._replan(Trigger.STALLED)
         self._seaway.refresh(time_s)
+
+    def _watch_course(self, now: float) -> None:
+        """Land before the boat: it is sent round at once, and another plan is made from where it is then."""
+        authority, alarm = self._helm.authority, self._course.watch(now)
+        if alarm is not None:
+            self._send(self._helm.warn(f"halocline: {alarm.text}", critical=alarm.is_critical))
+            if self._job is None and self._owed is None:
+                self._replan(Trigger.LAND)
+        if authority.waits_on_board and self._helm.is_sure and self._course.begins_across_land(now):
+            authority.ask_for_another()
+            text = "land lies before waypoint 1 of the mission on board"
+            self._reporter.log(Level.WARNING, f"{text}: another is made from where the boat is now")
+            self._send(self._helm.warn("halocline: LAND before waypoint 1: wait for plan"))
 
     def _watch_budget(self, now: float) -> None:
         """Mind what distance, time and energy are left; turn the vessel homeward when they ask for it."""
@@ -465,9 +478,10 @@ class Core:
         self._effects.extend(SendMessage(message) for message in messages)
 
     def _status(self) -> Status:
+        trouble = "" if self._course.trouble is None else f", but {self._course.trouble}"
         return Status(
             state=self._situation.state.name.lower(),
-            reason=self._situation.reason,
+            reason=self._situation.reason + trouble,
             rho=self._exploration.rho(self._figures()),
             plans=self._plans,
             worker_busy=self._job is not None,

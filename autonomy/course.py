@@ -19,13 +19,19 @@ from autonomy.helm import Helm
 from autonomy.planning.passage import Unreachable
 from autonomy.planning.plan import Plan
 from autonomy.reporting import Reporter
-from autonomy.seaway import Seaway
+from autonomy.seaway import Seaway, is_free_of_land
 
 LEG_WATCH_S = 0.2
 """How often the leg being sailed is held against the land; a check takes microseconds."""
 
 LEG_ALARM_S = 30.0
 """Pause between two alarms about land before the vessel that can't be sailed round."""
+
+START_WATCH_S = 1.0
+"""How often the way to the first waypoint of a mission that waits for its start is held against the land."""
+
+START_MOVED_M = 50.0
+"""A boat this far from where that mission was made to begin may need another; one on its trailer does not."""
 
 STRETCH_LEAD_S = 120.0
 """The next stretch of a long route is sent when the present one is sailed to its end in this time."""
@@ -63,6 +69,14 @@ class Departure:
     row: int
 
 
+@dataclass(frozen=True)
+class Alarm:
+    """What the operator must hear of the way ahead, in few words."""
+
+    text: str
+    is_critical: bool
+
+
 class Course:
     """See the module's description. It looks at helm, seaway and reporter, which belong to the core."""
 
@@ -79,6 +93,9 @@ class Course:
         self._longest_m = 0.0
         self._leg_watch_due = 0.0
         self._stretch_due = 0.0
+        self._start_watch_due = 0.0
+        self.trouble: str | None = None
+        """What lies before the vessel, for health; None if nothing does."""
 
     def begin(self, *, reestimates: bool) -> Departure:
         """A plan is going to be made now, after a re-estimate or without: where it begins.
@@ -136,36 +153,68 @@ class Course:
         self._longest_m = max(self._longest_m, plan.length_m)
         self._helm.offer(plan)
 
-    def watch(self, now: float) -> None:
+    def watch(self, now: float) -> Alarm | None:
         """A mission is sailed from wherever the vessel is when it takes it up: see that no land lies in between.
+
+        The leg from where it is to the waypoint that the autopilot names is none of the plan's when a mission is begun
+        anew, or taken up again elsewhere. Returns what to tell the operator of it, when it is not clear.
 
         And a long one is sent in stretches: see that the next comes in time.
         """
         self._time_upload(now)
+        if not self._helm.sailing_ours:
+            self.trouble = None
         if not self._helm.sailing_ours or self._helm.dispatch.busy or now < self._leg_watch_due:
-            return
+            return None
         self._leg_watch_due = now + LEG_WATCH_S
         rest, route_m = self._rest(), self._helm.remaining_route_m()
         if rest is None or len(route_m) < 2:
-            return
+            self.trouble = None
+            return None
         is_last = len(route_m) == 2 and rest.home_corners > 0
         if self._seaway.may_sail(route_m[0], route_m[1], home=is_last):
+            self.trouble = None
             if now >= self._stretch_due and self._stretch_ends():
                 self._stretch_due = now + STRETCH_RETRY_S
                 self._reporter.log(Level.INFO, f"the next stretch: {len(rest.route_m)} corners are left")
                 self.offer(now, rest)
-            return
-        rest = self._without_closed(rest)
+            return None
+        is_free = is_free_of_land(route_m[0], route_m[1], self._seaway.water)
+        return self._go_round(now, self._without_closed(rest), is_free=is_free)
+
+    def begins_across_land(self, now: float) -> bool:
+        """Whether the mission on board, which waits for its start, begins across land from where the boat has gone."""
+        active, here_m = self._helm.dispatch.active, self._helm.position_m
+        if active is None or here_m is None or now < self._start_watch_due:
+            return False
+        self._start_watch_due = now + START_WATCH_S
+        moved_m = float(np.hypot(*(here_m - active.plan.start_m)))
+        return moved_m > START_MOVED_M and not is_free_of_land(
+            here_m, active.plan.route_m[0], self._seaway.water
+        )
+
+    def _go_round(self, now: float, rest: Plan, *, is_free: bool) -> Alarm | None:
+        """Bring the rest of the plan on board with another way to its first corner.
+
+        Where the leg is free of land only the water there is closed, after a stall perhaps: that is no danger.
+        """
         if not len(rest.route_m):
-            return  # another plan is being made
+            return None  # another plan is being made
         try:
             self.offer(now, self._seaway.joined(rest, self._helm.position_m))
         except Unreachable as error:
             self._leg_watch_due = now + LEG_ALARM_S
             text = f"land lies before the vessel, and there is no way round: {error}"
             self._reporter.log(Level.ERROR, text)
+            alarm = Alarm("LAND ahead, no way round it", is_critical=True)
         else:
-            self._reporter.log(Level.WARNING, "land lies before the vessel: the mission goes round it")
+            text = "land lies before the vessel: the mission goes round it"
+            self._reporter.log(Level.WARNING, text)
+            alarm = Alarm("land ahead, goes round it", is_critical=False)
+        if is_free:
+            return None
+        self.trouble = text
+        return alarm
 
     def _departure_after(self, reach_m: float) -> Departure:
         """After sailing on for so many metres."""

@@ -28,6 +28,7 @@ class Trigger(Enum):
     STALLED = "stalled"
     SAILED = "much sailed since the last plan"
     RESUMED = "the service was away"
+    LAND = "land lay before the boat"
     ROOM = "more is left than the way home takes"
 
 

@@ -366,6 +366,12 @@ class Helm:
         if message.get_type() == "MISSION_CURRENT":
             certain.append(self._progress.told(current, state.mission_state))
         self.dispatch.reached = max([self.dispatch.reached, *certain])
+        active, kind = self.dispatch.active, message.get_type()
+        # Held to be behind the boat, its waypoint would be sailed to unwatched.
+        if active is not None and kind == "MISSION_CURRENT":
+            last = len(active.items)
+            goes_back = self._progress.goes_back(current, self.dispatch.reached, last)
+            self.dispatch.reached = current - 1 if goes_back else self.dispatch.reached
 
 
 def _authority(configuration: Configuration) -> Authority:

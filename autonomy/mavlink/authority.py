@@ -298,6 +298,16 @@ class Authority:
         """Whether the mission on board may be read, if nothing more."""
         return self.action not in (Action.LISTEN, Action.GO_HOME)
 
+    @property
+    def waits_on_board(self) -> bool:
+        """Whether a mission of ours waits on board for the operator to start it, and might be replaced."""
+        preparing = self.action in (Action.PREPARE, Action.SELECT_AUTO)
+        return preparing and self._waiting_on_board and self.on_board is OnBoard.OURS
+
+    def ask_for_another(self) -> None:
+        """The mission that waits on board is not fit to be started from where the boat is now: replace it, once."""
+        self._waiting_on_board = False
+
     def mission_read(self, on_board: OnBoard) -> None:
         """The mission on board was read, or is known to have changed."""
         self.on_board = on_board

@@ -266,3 +266,40 @@ def test_the_time_of_uploads_is_measured(sea):
     sea.course.watch(110.0)
     after_m = sea.course.begin(reestimates=False).start_m
     assert after_m[0] - before_m[0] == pytest.approx(SPEED_MPS * 0.5 * (10.0 - 0.3))
+
+
+def test_land_on_the_way_to_the_waypoint_is_told_until_the_way_is_clear(sea):
+    sea.sails_to(700.0, 500.0, 3)
+    assert sea.course.watch(1.0) is None
+    sea.helm.next_row = 0
+    sea.helm.position_m = np.array([900.0, 900.0])  # the first corner lies behind the island
+    alarm = sea.course.watch(2.0)
+    assert (alarm.text, alarm.is_critical) == ("land ahead, goes round it", False)
+    assert sea.course.trouble == "land lies before the vessel: the mission goes round it"
+    (way,) = sea.helm.offered
+    assert not shapely.LineString([sea.helm.position_m, *way.route_m]).crosses(ISLAND)
+    sea.helm.comes_on_board(way)
+    assert sea.course.watch(3.0) is None
+    assert sea.course.trouble is None
+
+
+def test_a_boat_on_land_is_an_alarm_twice_a_minute(sea):
+    sea.sails_to(500.0, 500.0, 0)
+    told = [second for second in range(65) if sea.course.watch(float(second)) is not None]
+    assert told == [0, 30, 60]
+    assert not sea.helm.offered
+    assert all("no way round" in line for line in sea.log)
+
+
+def test_only_a_boat_that_was_moved_is_asked_whether_its_mission_begins_across_land(sea):
+    assert not sea.course.begins_across_land(0.0)
+    sea.helm.dispatch.active = dataclasses.replace(
+        sea.helm.dispatch.active, plan=dataclasses.replace(plan_of(CORNERS), start_m=np.array([880.0, 880.0]))
+    )
+    sea.helm.position_m = np.array([900.0, 900.0])
+    assert not sea.course.begins_across_land(2.0)
+    sea.helm.position_m = np.array([900.0, 960.0])
+    assert not sea.course.begins_across_land(2.5)  # not yet again
+    assert sea.course.begins_across_land(4.0)
+    sea.helm.position_m = np.array([300.0, 900.0])
+    assert not sea.course.begins_across_land(6.0)

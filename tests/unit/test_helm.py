@@ -226,6 +226,42 @@ def test_the_next_corner_is_the_one_after_those_reached(boat):
     assert boat.helm.next_row == 2
 
 
+def test_a_mission_begun_anew_lies_before_the_boat_again(boat):
+    boat.sails()
+    for seq in (1, 2):
+        boat.tells_current(seq)
+        boat.reaches(seq)
+    boat.tells_current(3)
+    assert boat.helm.next_row == 2
+    boat.tells_current(1)
+    assert boat.helm.next_row == 0
+    boat.reaches(1)
+    boat.tells_current(2)
+    assert boat.helm.next_row == 1
+
+
+def test_a_waypoint_that_is_named_again_after_it_was_reached_is_sailed_to(boat):
+    boat.sails()
+    boat.tells_current(2)
+    boat.reaches(2)
+    boat.tells_current(2)  # overtaken on the way
+    assert boat.helm.next_row == 2
+    boat.tells_current(2)
+    assert boat.helm.next_row == 1
+
+
+@pytest.mark.parametrize("state", [mavlink.MISSION_STATE_UNKNOWN, mavlink.MISSION_STATE_COMPLETE])
+def test_the_last_waypoint_stays_the_current_one_and_reached(boat, state):
+    boat.sails()
+    for seq in (1, 2, 3):
+        boat.tells_current(seq)
+        boat.reaches(seq)
+    for _ in range(5):
+        boat.tells_current(3, state)
+    assert boat.helm.next_row == 3
+    assert boat.helm.path_finished
+
+
 def test_the_pace_is_measured_under_way(boat):
     boat.sails()
     usual_mps = boat.helm.pace_mps
