@@ -68,6 +68,11 @@ class ModelSnapshot:
     stated_error: tuple[float, float] = (0.0, 0.0)
     believed: Kernel | None = None
 
+    @property
+    def kernel(self) -> Kernel:
+        """What the field is believed to be like on board, however the map has travelled."""
+        return self.believed or self.model.kernel
+
 
 @dataclass(frozen=True)
 class PlanNotice:

@@ -341,7 +341,7 @@ class Archive:
         assert isinstance(snapshot, ModelSnapshot)
         origin = (snapshot.origin_lat_deg, snapshot.origin_lon_deg)
         subject = json.dumps([snapshot.variable, snapshot.units, *origin, *snapshot.bounds_m])
-        components = len((snapshot.believed or snapshot.model.kernel).components)
+        components = len(snapshot.kernel.components)
         payload = model if isinstance(model, bytes) else wire.encode(model)
         columns = "run, model_time, utc, subject, components, payload"
         self._insert(f"models ({columns})", (run, model_time_s, utc_s, subject, components, payload))

@@ -147,7 +147,7 @@ class _Writer:
         self._time[row] = dated.utc_s
         self._mean[row] = self._grid.spread(prediction.mean)
         self._error[row] = self._grid.spread(np.sqrt(np.maximum(prediction.variance, 0.0)))
-        kernel = snapshot.believed or model.kernel
+        kernel = snapshot.kernel
         figures: tuple[float, ...] = (snapshot.samples, len(model), snapshot.rho, *snapshot.stated_error)
         figures += (model.prior_mean, math.sqrt(kernel.noise_variance))
         for variable, figure in zip(self._series.values(), figures, strict=True):

@@ -123,5 +123,5 @@ def _title(model: ModelSnapshot) -> str:
     return (
         f"{model.vehicle}: {model.samples} samples, {len(model.model)} basis vectors, ρ {model.rho:.2f}, "
         f"{model.replans} plans, vehicle clock {hours}:{rest // 60:02d}:{rest % 60:02d}\n"
-        f"{describe(model.model.kernel)}  ·  {agreement(model)}"
+        f"{describe(model.kernel)}  ·  {agreement(model)}"
     )

@@ -170,7 +170,7 @@ class _Watch:
 
 def _fields(model: ModelSnapshot, view: VehicleView) -> dict[str, Any]:
     """What a snapshot says, for programs; `age_s` compares UTC with this machine's clock."""
-    kernel = model.model.kernel
+    kernel = model.kernel
     return {
         "vehicle": model.vehicle,
         "sequence": model.sequence,

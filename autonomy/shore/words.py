@@ -10,7 +10,7 @@ from autonomy.wire import ModelSnapshot
 
 def belief(model: ModelSnapshot) -> str:
     """The kernel with the standard deviations of field and noise: "σf 0.24  smooth 3.1 km  σn 0.021"."""
-    kernel, transform = model.model.kernel, model.model.transform
+    kernel, transform = model.kernel, model.model.transform
     unit = "" if model.units in ("", "1") else f" {model.units}"
     if not isinstance(transform, Identity):
         unit = f" ({transform.name})"

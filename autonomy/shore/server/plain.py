@@ -39,7 +39,7 @@ def known(value: Any) -> Any:
 
 def model(value: ModelSnapshot, stamp_s: float) -> Plain:
     """What a snapshot says of the field and of itself; `stamp_s` is the slider's stop that it belongs to."""
-    kernel = value.model.kernel
+    kernel = value.kernel
     return {
         "sequence": value.sequence,
         "utc_s": value.utc_s,

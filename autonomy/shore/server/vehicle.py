@@ -82,7 +82,7 @@ class Vehicle:
         self.stops.add(stamp_s, payload)
         self._model = plain.model(value, stamp_s)
         self._model_survey = plain.survey_of_model(value)
-        kernel = value.model.kernel
+        kernel = value.kernel
         scales = [scale for each in kernel.components for scale in each.space.lengthscales_m]
         row = np.full(len(_SERIES) + _MAXIMUM_LENGTHSCALES, math.nan)
         row[: len(_SERIES)] = (
