@@ -382,9 +382,9 @@ class Core:
             self._helm.authority.return_cause = self._homeward.reason
 
     def _replan(self, trigger: Trigger) -> None:
-        """A new plan is wanted as soon as one can be made."""
+        """A new plan is wanted as soon as one can be made; after one that failed, when its pause is over."""
         self._owed = Decision(trigger, False, trigger.value)
-        self._plan_not_before = 0.0
+        self._plan_not_before = self._plan_not_before if self._failed_in_a_row else 0.0
 
     def _look(self, now: float) -> None:
         told = self._situation.look(now)

@@ -6,6 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autonomy import jobs
 from autonomy.effects import Topic
 from autonomy.events import JobFailed, JobFinished, MessageReceived, StopRequested
+from autonomy.exploration import Trigger
 from autonomy.mavlink.codec import Codec
 from autonomy.planning.planners import PlanningError
 from sim.autopilot import Mode
@@ -135,6 +136,19 @@ def test_without_a_plan_the_old_one_is_sailed_on_and_planning_is_tried_again(mak
     assert voyage.lines("re-estimated")
     flaky.trouble = trouble
     voyage.until("trying again in 5 s")  # patience starts anew
+
+
+def test_a_fence_that_flaps_does_not_shorten_the_pause_after_a_plan_that_failed(make_voyage):
+    flaky = FlakyJobs(None)
+    voyage = make_voyage(run_job=flaky)
+    voyage.start()
+    flaky.trouble = "no plan"
+    voyage.until("trying again in 5 s")
+    asked = len(flaky.asked)
+    for _ in range(30):
+        voyage.core._replan(Trigger.FENCE)
+        voyage.advance(1.0)
+    assert 1 <= len(flaky.asked) - asked <= 2, "after 5 s and 10 s more"
 
 
 def test_the_first_plan_is_tried_again_too(make_voyage):
