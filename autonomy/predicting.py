@@ -8,7 +8,7 @@ import numpy as np
 from autonomy import plain_cbor
 from autonomy.geometry import FloatArray, LocalFrame
 from autonomy.wire import VERSION
-from autonomy.wire_rules import FLOAT64_TAG, WireError, brief
+from autonomy.wire_kinds import FLOAT64_TAG, WireError, brief
 from autonomy.wire_values import ModelSnapshot
 
 MAXIMUM_POINTS = 20_000

@@ -14,9 +14,8 @@ from autonomy.effects import Topic
 from autonomy.learning import snapshot
 from autonomy.learning.calibration import CalibrationFigures
 from autonomy.plain_cbor import OBJECT_TAGS
+from autonomy.wire_kinds import FLOAT64_TAG, INT32_TAG, UINT8_TAG, VersionError, WireError, brief
 from autonomy.wire_rules import (
-    FLOAT64_TAG,
-    INT32_TAG,
     MAXIMUM_KERNEL,
     MAXIMUM_LINE,
     MAXIMUM_OBSERVATIONS,
@@ -24,11 +23,7 @@ from autonomy.wire_rules import (
     MAXIMUM_REJECTED,
     PARALLEL,
     RING_UNITS_PER_DEG,
-    UINT8_TAG,
     VEHICLE_NAME,
-    VersionError,
-    WireError,
-    brief,
     checked,
 )
 from autonomy.wire_values import (

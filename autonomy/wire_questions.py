@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from autonomy.wire_rules import WireError, brief
+from autonomy.wire_kinds import WireError, brief
 
 
 @dataclass(frozen=True)
