@@ -19,11 +19,19 @@ _V1_OVERHEAD = 8  # marker, 5 header bytes, 2 checksum bytes
 _V2_OVERHEAD = 12
 _SIGNED = mavlink.MAVLINK_IFLAG_SIGNED
 _MAXIMUM_PEERS = 64
+_BAD_FRAMES = 64
+_BAD_FRAMES_OF_A_STREAM = 512
+_BYTES_A_BAD_FRAME = 16
+"""Random bytes have a marker in 128; those of a disturbed line, where a glitch reads as 0xFE, in five or so."""
 
 
 @dataclass
 class DecodingCounters:
-    """What came in since the codec was made. `keys` are messages that bring a signing key: nobody gets to see them."""
+    """What came in since the codec was made.
+
+    `skipped_bytes` are no part of a frame, or came behind too many bad ones. `keys` are messages that bring a signing
+    key: nobody gets to see them.
+    """
 
     messages: int = 0
     bad_frames: int = 0
@@ -68,28 +76,34 @@ class Codec:
         self._mav.seq = (self._mav.seq + 1) % 256
         return data if self._signing is None else self._signing.sign(data, message.crc_extra)
 
-    def decode(self, data: bytes, peer: Hashable = None) -> list[Any]:
+    def decode(self, data: bytes, peer: Hashable = None, *, stream: bool = False) -> list[Any]:
         """All complete messages of known type after `data` arrived from `peer`; never raises on any bytes.
 
         A frame may be split over several calls with the same peer. Corrupt and unknown frames are counted
         in `counters` and left out; so are those that signing refuses, which it counts itself.
+
+        Behind 64 bad frames the rest of a datagram is dropped: made of nothing but markers, it would hold the control
+        loop up for as long as thousands of good ones. Of a `stream` as many more are borne as a disturbed line can
+        bring before good frames go on; what is dropped at last ends with `data`.
         """
         tail = self._tails.pop(peer, b"")
         if tail and self._opens_with_a_frame(data):
             # The rest of the broken frame will not come: this datagram begins anew.
             self.counters.skipped_bytes += len(tail)
             tail = b""
-        messages, rest = self._parse(tail + bytes(data))
+        buffer = tail + bytes(data)
+        bearable = _BAD_FRAMES_OF_A_STREAM + len(buffer) // _BYTES_A_BAD_FRAME if stream else _BAD_FRAMES
+        messages, rest = self._parse(buffer, bearable)
         if rest:
             self._tails[peer] = rest
             if len(self._tails) > _MAXIMUM_PEERS:
                 self._tails.popitem(last=False)
         return messages
 
-    def _parse(self, buffer: bytes) -> tuple[list[Any], bytes]:
+    def _parse(self, buffer: bytes, bearable: int) -> tuple[list[Any], bytes]:
         messages: list[Any] = []
-        position = 0
-        while (marker := _MARKER.search(buffer, position)) is not None:
+        position = bad = 0
+        while bad < bearable and (marker := _MARKER.search(buffer, position)) is not None:
             self.counters.skipped_bytes += marker.start() - position
             position = marker.start()
             length = _frame_length(buffer, position)
@@ -98,6 +112,7 @@ class Codec:
             message = self._message(buffer[position : position + length])
             if message is None or (_is_unknown(message) and not _ends_cleanly(buffer, position + length)):
                 self.counters.bad_frames += 1
+                bad += 1
                 position += 1
                 continue
             position += length

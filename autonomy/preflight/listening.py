@@ -57,7 +57,7 @@ async def listen(
 
     def received(data: bytes, peer: Hashable) -> None:
         bytes_in[0] += len(data)
-        for message in codec.decode(data, peer):
+        for message in codec.decode(data, peer, stream=transport.is_stream):
             send(conversation.handle(loop.time(), message))
 
     def send(messages: list[object]) -> None:

@@ -191,9 +191,10 @@ class Daemon:
         self._notifier.close()
 
     def _received(self, data: bytes, peer: Hashable) -> None:
-        messages = self._codec.decode(data, peer)
+        assert self._transport is not None
+        messages = self._codec.decode(data, peer, stream=self._transport.is_stream)
         if self._signed_link is not None:
-            if self._transport is not None and any(each.get_header().incompat_flags for each in messages):
+            if any(each.get_header().incompat_flags for each in messages):
                 self._transport.vouch(peer)
             if self._signed_link.signing.is_due:
                 self._signed_link.tend()

@@ -50,6 +50,9 @@ class Transport(ABC):
     once, and again when the reason changes. `send` never waits: what can't be sent is dropped and counted.
     """
 
+    is_stream = True
+    """Whether what arrives is cut anywhere; else it is datagrams, which anybody may send."""
+
     def __init__(
         self,
         endpoint: str,
@@ -187,6 +190,7 @@ class _Datagrams(asyncio.DatagramProtocol):
 class _Udp(Transport):
     """What listening and speaking sockets share."""
 
+    is_stream = False
     refused = 0
     _socket: asyncio.DatagramTransport | None = None
     _protocol: _Datagrams | None = None

@@ -1,5 +1,7 @@
 """The codec on whole, split, corrupt and hostile bytes."""
 
+import random
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -110,6 +112,60 @@ def test_corrupt_frames_are_counted() -> None:
     receiver = Codec(1, 191)
     assert receiver.decode(bytes(packet)) == []
     assert receiver.counters.bad_frames == 1
+
+
+def attempts(codec: Codec, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Gets an item for each frame that the codec tries to decode from now on."""
+    made: list[int] = []
+    sound = codec._message
+
+    def counted(frame: bytes) -> Any:
+        made.append(len(frame))
+        return sound(frame)
+
+    monkeypatch.setattr(codec, "_message", counted)
+    return made
+
+
+@pytest.mark.parametrize("pattern", [b"\xfe\xfb", b"\xfe\x00", b"\xfd", b"\xfe"])
+@pytest.mark.parametrize(("stream", "most"), [(False, 65), (True, 512 + 65_000 // 16 + 1)])
+def test_bytes_made_of_markers_are_not_decoded_one_by_one(
+    pattern: bytes, stream: bool, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """32 000 candidates in one datagram, each with a checksum over 259 bytes, hold the control loop up."""
+    receiver = Codec(1, 191)
+    made = attempts(receiver, monkeypatch)
+    hostile = (pattern * 65_000)[:65_000]
+    assert receiver.decode(hostile, "peer", stream=stream) == []
+    assert 0 < len(made) <= most
+    counters = receiver.counters
+    assert counters.bad_frames + counters.skipped_bytes == len(hostile), "what is dropped is counted"
+    packets = [Codec(7, 1).encode(reading(value)) for value in (1.0, 2.0)]
+    received = [message for packet in packets for message in receiver.decode(packet, "peer", stream=stream)]
+    assert values(received) == [1.0, 2.0], "the next ones are heard"
+
+
+def test_good_frames_before_many_bad_ones_are_heard() -> None:
+    receiver = Codec(1, 191)
+    (message,) = receiver.decode(Codec(7, 1).encode(reading(1.0)) + b"\xfe\xfb" * 5000)
+    assert message.value == 1.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    ("values_of_a_byte", "size"), [(range(256), 60_000), (b"\0\x80\xf8\xfc\xfe\xff", 2000)]
+)
+def test_of_a_stream_no_frame_behind_a_disturbed_line_is_lost(
+    values_of_a_byte: Sequence[int], size: int, seed: int
+) -> None:
+    """A read after the loop was held up: all of the noise, random or of glitches, and what followed it."""
+    noise = bytes(random.Random(seed).choices(values_of_a_byte, k=size))
+    sender, receiver = Codec(7, 1), Codec(1, 191)
+    # A frame of another kind that begins with the noise's end may take the first nine with it.
+    good = b"".join(sender.encode(reading(float(number))) for number in range(40))
+    received = receiver.decode(noise + good, stream=True)
+    heard = [each for each in received if each.get_type() == "NAMED_VALUE_FLOAT"]
+    assert values(heard)[-30:] == [float(number) for number in range(10, 40)]
 
 
 def test_mavlink_1_is_understood() -> None:
