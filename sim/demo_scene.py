@@ -13,7 +13,7 @@ from autonomy.config import Configuration, load
 from autonomy.geometry import FloatArray
 from autonomy.planning.passage import passage_of
 from autonomy.planning.survey import SurveyArea, SurveyError, read_survey
-from sim.field import Field, FieldError, open_field, shrunk
+from sim.field import Field, FieldError, FieldInfo, open_field, shrunk
 from sim.land import feature_collection, land_polygons, water_outline
 
 LARGEST_SIDE_M = 15_000.0
@@ -96,7 +96,7 @@ def write_files(field: Field, folder: Path, ports: dict[str, int]) -> tuple[Path
     settings = {
         "vehicle": {"name": "demo"},
         "mavlink": {"endpoint": f"udpin:127.0.0.1:{ports['vehicle']}", "acceptance_radius_m": 20.0},
-        "sensor": {"variable": field.info.variable, "units": field.info.units or "1"},
+        "sensor": _sensor(field.info),
         "survey": {"area": "area.geojson", "land": "land.geojson", "standoff_m": 100.0},
         # Short paths, so that two minutes hold several; none is cut short by the clock.
         "planning": {"spots": 15},
@@ -115,6 +115,13 @@ def write_files(field: Field, folder: Path, ports: dict[str, int]) -> tuple[Path
     settings["sampling"] = {"spacing_m": math.sqrt(survey.area_m2) / SAMPLES_PER_SIDE}
     file.write_text(yaml.safe_dump(settings, sort_keys=False), encoding="utf-8")
     return file, load(file), survey
+
+
+def _sensor(info: FieldInfo) -> dict[str, str]:
+    """What the vehicle says that it measures. PSU stands for practical salinity, which has the units 1 in CF."""
+    if info.units.lower() == "psu":
+        return {"variable": "sea_water_practical_salinity", "units": "1"}
+    return {"variable": info.variable, "units": info.units or "1"}
 
 
 def make_scene(field: Field, survey: SurveyArea, spacing_m: float, sailing_s: float) -> Scene:

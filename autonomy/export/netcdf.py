@@ -15,7 +15,39 @@ COMPRESSION: dict[str, Any] = {"compression": "zlib", "complevel": 4, "shuffle":
 EPOCH = "seconds since 1970-01-01T00:00:00Z"
 
 _TAKEN = ("time", "lat", "lon", "depth", "crs", "trajectory", "obs", "component")
-_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+STANDARD_NAMES = frozenset(
+    {
+        "air_pressure",
+        "air_temperature",
+        "mass_concentration_of_chlorophyll_a_in_sea_water",
+        "mass_concentration_of_chlorophyll_in_sea_water",
+        "mass_concentration_of_oxygen_in_sea_water",
+        "mass_concentration_of_suspended_matter_in_sea_water",
+        "mole_concentration_of_dissolved_molecular_oxygen_in_sea_water",
+        "mole_concentration_of_nitrate_in_sea_water",
+        "moles_of_oxygen_per_unit_mass_in_sea_water",
+        "partial_pressure_of_carbon_dioxide_in_sea_water",
+        "sea_floor_depth_below_sea_surface",
+        "sea_surface_salinity",
+        "sea_surface_temperature",
+        "sea_water_absolute_salinity",
+        "sea_water_conservative_temperature",
+        "sea_water_density",
+        "sea_water_electrical_conductivity",
+        "sea_water_ph_reported_on_total_scale",
+        "sea_water_potential_temperature",
+        "sea_water_practical_salinity",
+        "sea_water_preformed_salinity",
+        "sea_water_pressure",
+        "sea_water_salinity",
+        "sea_water_sigma_t",
+        "sea_water_speed",
+        "sea_water_temperature",
+        "sea_water_turbidity",
+    }
+)
+"""What a boat may measure, of the names in the CF Standard Name Table; another name is told as a long name alone."""
 
 
 @contextmanager
@@ -32,10 +64,10 @@ def name_of(variable: str) -> str:
 
 
 def measured(variable: str, units: str, suffix: str = "") -> dict[str, Value]:
-    """Attributes of what was measured: standard name, if it can be one, long name and units."""
+    """Attributes of what was measured: standard name, if it is one that we know, long name and units."""
     words = f"{variable} {suffix}".replace("_", " ").strip()
     described: dict[str, Value] = {"long_name": words, "units": units}
-    if _NAME.fullmatch(variable):
+    if variable in STANDARD_NAMES:
         described["standard_name"] = f"{variable} {suffix}" if suffix else variable
     return described
 
