@@ -2,7 +2,8 @@
 
 A record that has crashed the core is tried no second time: it is quarantined, and said to be. If the core crashes
 again and again all the same, or does not get as far as to handle a few records, what it knows is to blame: then the
-older checkpoint is gone on from, then the journal alone, and in the end nothing.
+older checkpoint is gone on from, then the journal alone, and in the end nothing. So it is where checkpoints are of
+another version of the software: the journal's events outlast it.
 """
 
 import logging
@@ -214,6 +215,7 @@ class Continuity:
                 core = self._gone_on(f"checkpoint {checkpoint.number}", partial(self._restored, checkpoint))
             except UnfitMemoryError as error:
                 self._store.reject(checkpoint, f"it does not fit this software: {error}")
+                spoilt = True
                 continue
             except _SpoiltError as error:
                 self._store.reject(checkpoint, str(error))
@@ -229,6 +231,7 @@ class Continuity:
     def _from_journal(self) -> Core | None:
         """A new core, told what the journal has; None if that is nothing, or has been tried in vain."""
         if self._folder is None or not self._folder.is_dir():
+            log.error("there is no journal to go on from either")
             return None
         if self._trials.journal_tried and self._trials.source != JOURNAL:
             log.error("the journal alone is not gone on from again: what it led to was of no use either")

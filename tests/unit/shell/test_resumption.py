@@ -386,6 +386,46 @@ def test_the_journal_alone_is_gone_on_from_again_until_there_is_a_checkpoint(
     again.ends()
 
 
+def make_foreign(folder: Path) -> None:
+    """The checkpoints there become such as software with another attribute in the core would have written."""
+    for path in folder.glob("*.checkpoint"):
+        checkpoint = decode(path.read_bytes())
+        for name, attributes in checkpoint.memory["classes"]:
+            if name == "autonomy.core.Core":
+                attributes[0] = "_gone"
+        path.write_bytes(encode(checkpoint))
+
+
+def test_after_an_update_that_reads_no_checkpoint_the_journal_teaches_it(
+    run: Callable[..., Run], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = run()
+    first.hears(LinkDown("one"))
+    first.ends(keep=True)
+    make_foreign(tmp_path / "kept")
+    again = run()
+    assert again.lost == {"one"}
+    assert caplog.text.count("it does not fit this software: Core has other attributes") == 2
+    assert "went on from the journal alone: what was learnt before it begins is lost" in caplog.text
+    assert len(list((tmp_path / "kept").glob("*.aside"))) == 2
+    again.hears(LinkDown("two"))
+    again.ends(keep=True)
+    caplog.clear()
+    assert run().lost == {"one", "two"}
+    assert "journal alone" not in caplog.text
+
+
+def test_after_such_an_update_without_a_journal_it_begins_anew(
+    run: Callable[..., Run], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = run(recorded=False)
+    first.hears(LinkDown("one"))
+    first.ends(keep=True)
+    make_foreign(tmp_path / "kept")
+    assert run(recorded=False).lost == set()
+    assert "there is no journal to go on from either" in caplog.text
+
+
 def test_a_journal_of_another_survey_is_not_gone_on_from(tmp_path: Path) -> None:
     header = make_header(CONFIGURATION, SURVEY, now=5.0, utc_s=7.0)
     journal = Journal.open(tmp_path, JournalSection(), header)
