@@ -25,6 +25,8 @@ log = logging.getLogger(__name__)
 _LOOK_AROUND_S = 0.25
 _REOPEN_S = 5.0
 _UNASKED_S = 10.0
+_LINES = 5000
+"""Of the log, kept for whoever lacks them."""
 _ANSWERING_S = 0.25
 """Then it is looked whether there is something to publish: whoever asks without end does not keep us from it."""
 _PRIORITY = {
@@ -97,7 +99,6 @@ class Publisher:
         vehicle: name in the keys.
         connect: zenoh endpoints of the routers ashore. None named: nothing is opened, values are discarded.
         backlog: observations kept.
-        line_limit: log lines kept.
         precision: that models go out with.
         rate_limit_bytes_per_s: what the link can take: models are coarser and everything is rarer then; None: all
             goes as it comes.
@@ -113,7 +114,6 @@ class Publisher:
         vehicle: str,
         connect: Sequence[str],
         backlog: int = 604_800,
-        line_limit: int = 5000,
         certificates: Certificates | None = None,
         precision: Precision = "16 bit",
         rate_limit_bytes_per_s: float | None = None,
@@ -130,7 +130,7 @@ class Publisher:
         # Any number will do that no earlier run of this vehicle had; the clock of a boat may begin at the same moment.
         run = secrets.randbits(52)
         limit = RateLimit(rate_limit_bytes_per_s)
-        self._outbox = Outbox(run, backlog, line_limit, precision, limit)
+        self._outbox = Outbox(run, backlog, _LINES, precision, limit)
         self._questions = Questions(vehicle, self._outbox, limit)
         self._digest_period_s = digest_period_s
         self._digested_s = -math.inf
@@ -200,12 +200,14 @@ class Publisher:
             for topic in Topic
         }
         # The token stands as long as its object does; so might, one day, the queryable.
-        with (
-            session.declare_queryable(f"usv/{self._vehicle}/*", self._asked_for),
-            session.liveliness().declare_token(wire.alive_key(self._vehicle)),
-        ):
-            self._serve_until_stopped(session, publishers)
-        self._questions.clear()
+        try:
+            with (
+                session.declare_queryable(f"usv/{self._vehicle}/*", self._asked_for),
+                session.liveliness().declare_token(wire.alive_key(self._vehicle)),
+            ):
+                self._serve_until_stopped(session, publishers)
+        finally:
+            self._questions.clear()
 
     def _serve_until_stopped(self, session: zenoh.Session, publishers: dict[Topic, zenoh.Publisher]) -> None:
         listened: set[Topic] = set()
