@@ -125,6 +125,7 @@ def test_a_boat_that_does_not_make_for_the_first_waypoint_is_told_again(make_voy
     voyage = make_voyage(boat(deaf_to_set_current=2))
     voyage.start()
     voyage.until("plan 2")
+    voyage.job_s = 100.0  # the plan that is made then shall come too late to help
     assert voyage.advance(20.0, until=lambda: voyage.verified == 2)
     assert voyage.autopilot.navigator.current > 1
     begun = voyage.now
