@@ -27,6 +27,11 @@ SIGNATURE_BYTES = 13
 """Link id, six bytes of timestamp, six bytes of signature."""
 
 MAXIMUM_STREAMS = 256
+"""That are heard; ours of earlier runs are among them."""
+
+MAXIMUM_PLEDGED = MAXIMUM_STREAMS + 16
+"""Streams in a pledge: all that are heard, and ours of this run, one for each system id that we had."""
+
 LARGEST_TIMESTAMP = 2**48 - 1
 _NEW_STREAM_TICKS = 60 * TICKS_PER_S
 _OWN_AHEAD = 5 * TICKS_PER_S
@@ -209,7 +214,7 @@ class Signing:
             ahead = max(self._now() + _OWN_AHEAD, self._timestamp + _SPARE, highest)
             self._pledged = min(ahead, LARGEST_TIMESTAMP)
         self._outrun = False
-        return Pledge(self._pledged, streams | dict.fromkeys(self._own, self._pledged))
+        return Pledge(self._pledged, _newest(streams | dict.fromkeys(self._own, self._pledged)))
 
     def _refusal(self, packet: bytes, system: int, component: int, message_id: int) -> Refusal | None:
         if packet[0] != mavlink.PROTOCOL_MARKER_V2 or not packet[2] & mavlink.MAVLINK_IFLAG_SIGNED:
@@ -245,6 +250,14 @@ class Signing:
     def _now(self) -> int:
         ticks = round((self._utc_s() - EPOCH_UTC_S) * TICKS_PER_S)
         return min(max(0, ticks), LARGEST_TIMESTAMP)
+
+
+def _newest(streams: dict[Stream, int]) -> dict[Stream, int]:
+    """As many as a pledge holds. To the next run an older one's sender is new: what it said long before is stale."""
+    excess = len(streams) - MAXIMUM_PLEDGED
+    for oldest in sorted(streams, key=streams.__getitem__)[: max(0, excess)]:
+        del streams[oldest]
+    return streams
 
 
 def told(refused: Mapping[Refusal, int]) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from autonomy.config import Configuration
 from autonomy.mavlink.signing import (
     LARGEST_TIMESTAMP,
-    MAXIMUM_STREAMS,
+    MAXIMUM_PLEDGED,
     Pledge,
     Signing,
     SigningKey,
@@ -168,7 +168,7 @@ def _decode(data: bytes) -> Pledge:
     match content:
         case {"version": 1, "timestamp": int() as timestamp, "streams": list() as rows}:
             streams = {(link, system, component): last for link, system, component, last in map(_row, rows)}
-            if 0 <= timestamp <= LARGEST_TIMESTAMP and len(streams) <= MAXIMUM_STREAMS:
+            if 0 <= timestamp <= LARGEST_TIMESTAMP and len(streams) <= MAXIMUM_PLEDGED:
                 return Pledge(timestamp, streams)
     raise ValueError("it holds no timestamps of ours")
 

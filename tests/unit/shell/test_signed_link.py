@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.config import Configuration
 from autonomy.mavlink.codec import Codec
-from autonomy.mavlink.signing import KeyFileError, Signing, SigningKey
+from autonomy.mavlink.signing import MAXIMUM_PLEDGED, MAXIMUM_STREAMS, KeyFileError, Signing, SigningKey
 from autonomy.shell import signed_link as module
 from autonomy.shell.signed_link import FILE_NAME, SignedLink, open_signed_link
 
@@ -62,6 +62,47 @@ def test_what_was_accepted_is_not_accepted_by_the_next_run(tmp_path: Path) -> No
     assert [message for packet in packets for message in codec.decode(packet)] == []
     assert again.report == "refused: 50 replayed"
     again.close()
+
+
+def test_of_as_many_senders_as_are_accepted_none_is_forgotten(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """They and we ourselves: what a run writes the next one reads."""
+    first = link(tmp_path)
+    codec = Codec(1, 191, first.signing)
+    senders = [(2 + number // 200, 1 + number % 200) for number in range(MAXIMUM_STREAMS)]
+    packets = [Codec(*sender, Signing(KEY, lambda: NOW_S)).encode(heartbeat()) for sender in senders]
+    assert sum(len(codec.decode(packet)) for packet in packets) == MAXIMUM_STREAMS
+    codec.encode(heartbeat())
+    first.tend()
+    first.close()
+    again = link(tmp_path)
+    codec = Codec(1, 191, again.signing)
+    assert [message for packet in packets for message in codec.decode(packet)] == []
+    assert again.report == f"refused: {MAXIMUM_STREAMS} replayed"
+    again.close()
+    assert caplog.text == ""
+
+
+def test_however_often_our_own_identity_changes_the_file_can_be_read(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of what finds no room the oldest goes: from a sender who is not known what was said then is stale."""
+    for run in range(30):
+        utc_s = NOW_S + 100.0 * run
+        signed = SignedLink(KEY, run, tmp_path / FILE_NAME, utc_s=lambda utc_s=utc_s: utc_s)
+        codec = Codec(1, 191, signed.signing)
+        for number in range(0 if run else MAXIMUM_STREAMS):
+            sender = Codec(2 + number // 200, 1 + number % 200, Signing(KEY, lambda: NOW_S))
+            codec.decode(sender.encode(heartbeat()))
+        used = ticks(codec.encode(heartbeat()))
+        signed.tend()
+        signed.close()
+        kept = module._decode((tmp_path / FILE_NAME).read_bytes())
+        assert kept.streams[run, 1, 191] >= used
+    assert len(kept.streams) == MAXIMUM_PLEDGED
+    assert {link for link, system, _ in kept.streams if system == 1} == set(range(30)), "ours are the newest"
+    assert "can't be read" not in caplog.text
 
 
 @pytest.mark.parametrize(
