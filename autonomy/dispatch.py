@@ -32,6 +32,9 @@ LONGEST_RETRY_S = 60.0
 FAILURES = 5
 """So many failed transfers of one plan in a row, and it is dropped."""
 
+READ_AGAIN_S = 600.0
+"""Protocol time after which a mission of ours that is being sailed is read again, whatever the autopilot tells."""
+
 _REMEMBERED_INTERRUPTED = 8
 
 Mission = tuple[MissionItem, ...]
@@ -57,7 +60,9 @@ class MissionDispatch:
 
         nothing at all   while the operator or a failsafe has the boat: he may change the mission, so what we
                          knew of it is forgotten, and what we were doing is ended
-        a download       when the mission on board is unread, and once more before a waiting plan replaces it
+        a download       when the mission on board is unread, and once more before a waiting plan replaces it; also
+                         when somebody doubts that it is ours (`doubt`), and every ten minutes while it is sailed:
+                         what we knew of it holds until it is read
         a transfer       of the waiting plan, if it is allowed; only its last step, if the plan is on board already
 
     After a failed transfer the plan waits again, for a pause that doubles from 2 s to 60 s. It is dropped when the
@@ -82,6 +87,8 @@ class MissionDispatch:
         self._stepped = 0.0
         self._failures = 0
         self._unread_failures = 0
+        self._doubted = False
+        self._read_s = 0.0
         self._refusal: str | None = None
         self._notes: list[Note] = []
         self.milestones = 0
@@ -151,6 +158,11 @@ class MissionDispatch:
             self._note("the mission on board has changed: reading it")
             self._void()
 
+    def doubt(self, reason: str) -> None:
+        """The boat does not seem to sail what we know to be on board: read that again when nothing else is going on."""
+        self._doubted = True
+        self._note(f"{reason}: reading the mission on board")
+
     def take_notes(self) -> list[Note]:
         """What happened since the last call, for the log."""
         notes, self._notes = self._notes, []
@@ -165,7 +177,8 @@ class MissionDispatch:
         """When `step` must be called at the latest; None when only an event can bring us further."""
         if self._machine is not None:
             return self._machine.next_deadline()
-        has_work = self._waiting is not None or self._authority.on_board is OnBoard.UNREAD
+        unread = self._doubted or self._authority.on_board is OnBoard.UNREAD
+        has_work = self._waiting is not None or unread
         return self._not_before if has_work and self._not_before > self._stepped else None
 
     def step(self, now: float, vehicle: VehicleState, route: Route, time_scale: float) -> list[Any]:
@@ -180,7 +193,7 @@ class MissionDispatch:
             return sent
         if now < self._not_before:
             return []
-        unread = self._authority.on_board is OnBoard.UNREAD
+        unread = self._authority.on_board is OnBoard.UNREAD or self._is_doubtful(now)
         if not unread and (self._waiting is None or not self.permission(vehicle).allowed):
             return []
         if unread or not self._looked:
@@ -201,6 +214,11 @@ class MissionDispatch:
             self._count_failure(now, "somebody else keeps uploading a mission")
         self._conclude(now)
         return sent
+
+    def _is_doubtful(self, now: float) -> bool:
+        """Whether what we know to be on board is to be read again."""
+        sailed = self._authority.in_command and self._authority.on_board is OnBoard.OURS
+        return self._doubted or (sailed and now - self._read_s >= READ_AGAIN_S)
 
     def _upload(self, now: float, vehicle: VehicleState, route: Route, time_scale: float) -> list[Any]:
         assert self._waiting is not None
@@ -228,6 +246,7 @@ class MissionDispatch:
         if self._sending is not None:
             self._remember_interrupted(self._sending.items)
         self._sending = self._machine = self._on_board = None
+        self._doubted = False
         self._authority.mission_read(OnBoard.UNREAD)
 
     def _remember_interrupted(self, items: Mission) -> None:
@@ -241,7 +260,7 @@ class MissionDispatch:
         machine = self._machine
         if isinstance(machine, MissionDownload):
             if machine.state is Download.DONE:
-                self._machine = None
+                self._machine, self._doubted, self._read_s = None, False, now
                 self._classify(machine.mission or ())
             elif machine.state is Download.FAILED:
                 self._machine = None
@@ -253,7 +272,7 @@ class MissionDispatch:
             if isinstance(machine.outcome, Failed):
                 self._failed(now, self._sending, machine.outcome)
             else:
-                self._failures = 0
+                self._failures, self._read_s = 0, now
                 self._verified(self._sending)
                 self.made_current += machine.makes_current
             self._machine, self._sending = None, None

@@ -12,7 +12,7 @@ from autonomy.dispatch import Dispatched, MissionDispatch
 from autonomy.geometry import FloatArray, LocalFrame
 from autonomy.mavlink.authority import RTL, SMART_RTL, Authority, OnBoard, unsupported
 from autonomy.mavlink.companion import StreamRequests, heartbeat, status_text, wanted_streams
-from autonomy.mavlink.mission import Route, time_scale
+from autonomy.mavlink.mission import MissionItem, Route, time_scale
 from autonomy.mavlink.safeguards import NOT_READ, Safeguards, SafeguardsReading
 from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
 from autonomy.notes import AutopilotWords, Note
@@ -22,9 +22,12 @@ from autonomy.planning.plan import Plan
 from autonomy.progress import Progress
 from autonomy.stall import ClosingWatch, StallWatch
 from autonomy.track import Track
+from autonomy.witness import MissionWitness
 
 HEARTBEAT_S = 1.0
 
+NEWS_S = 1.0
+"""What is told once a second may be as old as that."""
 
 PATIENT_HEARTBEATS = 10
 """So many, and an estimator that has not said whether it is ready will not."""
@@ -88,6 +91,7 @@ class Helm:
         self._stall_watch = StallWatch(configuration.exploration.stall_s, configuration.exploration.stall_m)
         self._stall: Stall | None = None
         self._closing = ClosingWatch()
+        self._witness = MissionWitness()
         self._made_current = 0
         self._doubts = 0
 
@@ -249,6 +253,7 @@ class Helm:
         reached = self.telemetry.take_reached()
         if reached or (message.get_type() == "MISSION_CURRENT" and state is not before):
             self._count_reached(message, state, reached)
+        self._witness_mission(now, message, state, reached)
         replies = [] if self._streams is None else self._streams.handle(now, message)
         talking = self.dispatch.talking
         replies += self.dispatch.handle(now, message)
@@ -348,6 +353,43 @@ class Helm:
             self._stall_watch.rest()
         elif self._stall_watch.follow(time_s, self.position_m, (self._made_current, k)):
             self._stall = Stall(self.position_m, active.plan.route_m[k])
+
+    def _witness_mission(self, now: float, message: Any, state: VehicleState, reached: list[int]) -> None:
+        """Have the mission on board read if what the autopilot tells of its way does not fit ours."""
+        kind, active, current = message.get_type(), self.dispatch.active, state.mission_current or 0
+        tells = kind in ("MISSION_CURRENT", "NAV_CONTROLLER_OUTPUT") and self.telemetry.is_from_autopilot(
+            message
+        )
+        if not reached and not tells:
+            return
+        if not self.sailing_ours or active is None:
+            self._witness.reset()
+            return
+        if self.dispatch.busy or self.dispatch.talking or not self.is_sure:
+            self._witness.rest()
+            return
+        slack_m = self.reach_m(now - self.telemetry.position_heard + NEWS_S)
+        for seq in reached:
+            if 0 < seq <= len(active.items):
+                item = active.items[seq - 1]
+                distance_m = self._distance_m(state, item)
+                if self._witness.doubts_place(now, distance_m, item.param2, slack_m):
+                    self.dispatch.doubt(f"waypoint {seq} was reached {distance_m:.0f} m from ours")
+        idle = state.mission_state not in (mavlink.MISSION_STATE_UNKNOWN, mavlink.MISSION_STATE_ACTIVE)
+        if idle or self.path_finished or not 0 < current <= len(active.items):
+            self._witness.rest()
+        elif kind == "MISSION_CURRENT":
+            self._witness.named(current)
+        elif kind == "NAV_CONTROLLER_OUTPUT":
+            claimed_m, distance_m = message.wp_dist, self._distance_m(state, active.items[current - 1])
+            if self._witness.doubts_way(now, claimed_m, distance_m, slack_m):
+                text = f"the boat sails {claimed_m} m to waypoint {current}, ours is {distance_m:.0f} m away"
+                self.dispatch.doubt(text)
+
+    def _distance_m(self, state: VehicleState, item: MissionItem) -> float:
+        """From where the autopilot believes to be, glitch or not, as it reckons from there itself."""
+        here_m = self._frame.to_local(state.lat_deg or 0.0, state.lon_deg or 0.0)
+        return float(np.hypot(*(self._frame.to_local(item.lat_deg, item.lon_deg) - here_m)))
 
     def _doubt(self, waypoint_m: FloatArray) -> None:
         """The boat does not make for the mission's first waypoint."""

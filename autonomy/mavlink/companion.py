@@ -49,6 +49,7 @@ def wanted_streams(position_rate_hz: float, *, battery: bool = False) -> tuple[S
         Stream(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, 1.0, status),
         Stream(mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, 0.5, mavlink.MAV_DATA_STREAM_EXTRA3),
         Stream(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, 0.5, mavlink.MAV_DATA_STREAM_EXTRA3),
+        Stream(mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT, 1.0, status),
     )
     if not battery:
         return wanted

@@ -191,11 +191,12 @@ class Telemetry:
         if kind == "NAMED_VALUE_FLOAT":
             return self._on_reading(now, message)
         handler = self._handlers.get(kind)
-        if handler is not None and self._is_from_autopilot(message):
+        if handler is not None and self.is_from_autopilot(message):
             return handler(now, message)
         return []
 
-    def _is_from_autopilot(self, message: Any) -> bool:
+    def is_from_autopilot(self, message: Any) -> bool:
+        """Whether the autopilot we follow sent it."""
         state = self.state
         return state is not None and (message.get_srcSystem(), message.get_srcComponent()) == (
             state.system_id,
@@ -232,7 +233,7 @@ class Telemetry:
                 _is_armed(message),
                 message.system_status,
             )
-        elif not self._is_from_autopilot(message):
+        elif not self.is_from_autopilot(message):
             return
         self._heartbeats.append(now)
         gaps = [after - before for before, after in pairwise(self._heartbeats)]
@@ -273,7 +274,7 @@ class Telemetry:
         if self.state is None or message.get_srcSystem() != self.state.system_id:
             self.dropped["not from our vehicle"] += 1
             return []
-        if self._is_from_autopilot(message) and message.time_boot_ms != 0:
+        if self.is_from_autopilot(message) and message.time_boot_ms != 0:
             model_time_s = self._model_time(now, message.time_boot_ms)
         else:
             model_time_s = self._clock.estimate(now)

@@ -6,6 +6,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autonomy.events import MessageReceived
 from autonomy.mavlink.codec import Codec
 from sim.autopilot import Mode
+from sim.vessel import UniformCurrent
+
+from .conftest import boat
 
 THEIRS = [(400.0, 400.0), (800.0, 500.0), (600.0, 2000.0)]
 
@@ -140,6 +143,41 @@ def test_a_mission_put_on_board_under_way_holds(make_voyage, adopt, length):
     assert voyage.verified == verified
     assert len(voyage.plans) <= plans + 1
     assert voyage.traffic(since=yielded) == []
+
+
+@pytest.mark.parametrize("begins", [(200.0, 300.0), (2800.0, 2000.0)])
+def test_a_mission_of_the_same_length_is_noticed_by_where_the_boat_sails(voyage, begins):
+    """Its number of items does not tell, and without a new plan nothing of ours would read it before it is sailed."""
+    voyage.advance(60.0)
+    x, y = begins
+    voyage.upload_as_operator(*[(x, y - 80.0 * k) for k in range(len(voyage.on_board_m()))])
+    theirs, uploaded = voyage.on_board_m(), voyage.now
+    assert voyage.advance(10.0, until=lambda: bool(voyage.lines("yielded", since=uploaded)))
+    assert voyage.lines("m to waypoint", since=uploaded)
+    assert "another mission on board in place of ours" in voyage.health.reason
+    assert any("another mission" in str(each.text) for each in voyage.said("STATUSTEXT", since=uploaded))
+    assert set(voyage.traffic(since=uploaded)) <= {
+        "MISSION_REQUEST_LIST",
+        "MISSION_REQUEST_INT",
+        "MISSION_ACK",
+    }
+    yielded = voyage.now
+    voyage.advance(900.0)
+    assert voyage.traffic(since=yielded) == []
+    assert (voyage.on_board_m() == theirs).all()
+
+
+def test_an_undisturbed_mission_is_not_read_for_nothing(make_voyage):
+    """Once at the start; before and after each upload; and every ten minutes."""
+    voyage = make_voyage(boat(current=UniformCurrent(1.5, -1.0)), planning={"hold_s": 4.0})
+    voyage.start()
+    voyage.advance(1500.0)
+    lists = [each for each in voyage.said("MISSION_REQUEST_LIST") if each.mission_type == 0]
+    assert voyage.verified >= 2
+    assert voyage.lines("reading the mission on board") == []
+    assert len(lists) <= 1 + 2 * voyage.verified + 2
+    assert voyage.autopilot.navigator.mode is Mode.AUTO
+    assert voyage.health.state == "exploring"
 
 
 def test_a_mission_put_on_board_before_the_start_holds_too(make_voyage):

@@ -255,12 +255,62 @@ def test_a_mission_of_equal_length_is_seen_before_it_would_be_overwritten(adopt)
     theirs = dispatched("theirs")
     bench.place(theirs.items)
     bench.advance(5.0)
-    assert bench.authority.on_board is OnBoard.OURS  # nothing tells
+    assert bench.authority.on_board is OnBoard.OURS  # nobody has told the dispatch yet
     bench.dispatch.offer(dispatched("second"))
     bench.advance(30.0)
     assert bench.on_board() == places(theirs)
     assert bench.authority.on_board is OnBoard.REPLACED
     assert not bench.dispatch.busy
+
+
+def test_a_doubt_has_the_mission_read_while_what_we_know_of_it_holds():
+    bench = Bench()
+    bench.start(dispatched("first"))
+    bench.autopilot.navigator.set_mode(Mode.AUTO)
+    bench.autopilot.navigator.armed = True
+    bench.turn()
+    known = len(bench.said("MISSION_REQUEST_LIST"))
+    bench.dispatch.doubt("the boat sails elsewhere")
+    bench.turn()
+    assert bench.authority.on_board is OnBoard.OURS
+    bench.advance(5.0)
+    assert len(bench.said("MISSION_REQUEST_LIST")) == known + 1
+    assert bench.authority.on_board is OnBoard.OURS
+    bench.place(dispatched("theirs").items)
+    bench.dispatch.doubt("the boat sails elsewhere")
+    bench.advance(5.0)
+    assert bench.authority.on_board is OnBoard.REPLACED
+    assert not bench.authority.in_command
+
+
+def test_a_doubt_is_kept_until_the_mission_could_be_read(bench):
+    bench.start(dispatched("first"))
+    bench.place(dispatched("theirs").items)
+    bench.passes = lambda message: message.get_type() != "MISSION_REQUEST_LIST"
+    bench.dispatch.doubt("the boat sails elsewhere")
+    assert bench.advance(60.0, until=lambda: "could not be read" in "".join(bench.notes))
+    assert bench.authority.on_board is OnBoard.OURS
+    bench.unstall()
+    assert bench.advance(5.0, until=lambda: bench.authority.on_board is OnBoard.REPLACED)
+
+
+def test_a_mission_that_is_sailed_is_read_again_every_ten_minutes_and_one_that_is_not_never(bench):
+    bench.start(dispatched("first"))
+    bench.autopilot.navigator.set_mode(Mode.HOLD)
+    bench.advance(1300.0)
+    known = len(bench.said("MISSION_REQUEST_LIST"))
+    bench.autopilot.navigator.set_mode(Mode.AUTO)
+    bench.advance(10.0)
+    begun = len(bench.said("MISSION_REQUEST_LIST"))
+    assert begun == known + 1  # whoever had the boat may have changed it
+    bench.advance(580.0)
+    assert len(bench.said("MISSION_REQUEST_LIST")) == begun
+    bench.place(dispatched("theirs").items)
+    bench.advance(20.0)
+    assert len(bench.said("MISSION_REQUEST_LIST")) == begun + 1
+    assert bench.authority.on_board is OnBoard.REPLACED
+    bench.advance(700.0)
+    assert len(bench.said("MISSION_REQUEST_LIST")) == begun + 1
 
 
 def test_an_upload_of_somebody_else_between_look_and_upload_goes_first(bench):

@@ -10,7 +10,7 @@ from autonomy.geometry import LocalFrame
 from autonomy.helm import Helm
 from autonomy.mavlink.authority import OnBoard
 from autonomy.mavlink.codec import Codec
-from autonomy.mavlink.mission import waypoint
+from autonomy.mavlink.mission import Route, waypoint
 from autonomy.planning.plan import Plan
 
 FRAME = LocalFrame(33.5, -118.5)
@@ -224,6 +224,76 @@ def test_the_next_corner_is_the_one_after_those_reached(boat):
     assert boat.helm.next_row == 2
     boat.beats(HOLD)
     assert boat.helm.next_row == 2
+
+
+def ask(boat):
+    """Whether the helm wants the mission read again."""
+    boat.helm.dispatch._read_s = boat.now
+    return kinds(boat.helm.dispatch.step(boat.now, boat.helm.state, Route(1, 191, 1, 1), 1.0)) == [
+        "MISSION_REQUEST_LIST"
+    ]
+
+
+def sails_surely(boat):
+    """And its autopilot has been heard for a while."""
+    boat.sails()
+    for _ in range(10):
+        boat.beats()
+
+
+def claims(boat, distance_m, *, number=1, times=3):
+    for _ in range(times):
+        boat.now += 1.0
+        boat.is_at(0.0, 0.0)
+        boat.tells_current(number)
+        boat.hear(mavlink.MAVLink_nav_controller_output_message(0, 0, 0, 0, distance_m, 0, 0, 0))
+
+
+def test_a_boat_that_is_not_where_its_autopilot_reckons_has_its_mission_read(boat):
+    sails_surely(boat)
+    for number, distance_m in ((1, 100), (2, 141), (3, 100), (1, 0), (1, 145)):
+        claims(boat, distance_m, number=number, times=5)
+        assert not ask(boat)
+    claims(boat, 400, times=2)
+    assert not ask(boat)
+    claims(boat, 400, times=1)
+    assert ask(boat)
+    assert [note.text for note in boat.helm.take_notes(boat.now)][-1] == (
+        "the boat sails 400 m to waypoint 1, ours is 100 m away: reading the mission on board"
+    )
+
+
+def test_what_another_component_tells_of_its_way_is_none_of_ours(boat):
+    sails_surely(boat)
+    own, boat._vehicle = boat._vehicle, Codec(2, 1)
+    for _ in range(5):
+        boat._vehicle = own
+        boat.tells_current(1)
+        boat._vehicle = Codec(2, 1)
+        boat.hear(mavlink.MAVLink_nav_controller_output_message(0, 0, 0, 0, 400, 0, 0, 0))
+    assert not ask(boat)
+
+
+@pytest.mark.parametrize("mode", [AUTO, HOLD])
+def test_a_waypoint_reached_far_from_ours_has_the_mission_read(boat, mode):
+    sails_surely(boat)
+    boat.is_at(50.0, 0.0)
+    boat.reaches(1)
+    assert not ask(boat)
+    boat.is_at(100.0, 10.0)
+    boat.beats(mode)
+    boat.reaches(2)
+    assert ask(boat) == (mode == AUTO)
+    boat.reaches(7)  # ours has no such item: that is for its length to tell
+
+
+def test_a_boat_that_makes_for_nothing_is_not_doubted(boat):
+    sails_surely(boat)
+    for state in (mavlink.MISSION_STATE_PAUSED, mavlink.MISSION_STATE_COMPLETE):
+        for _ in range(5):
+            boat.tells_current(3, state)
+            boat.hear(mavlink.MAVLink_nav_controller_output_message(0, 0, 0, 0, 900, 0, 0, 0))
+    assert not ask(boat)
 
 
 def test_a_mission_begun_anew_lies_before_the_boat_again(boat):

@@ -67,6 +67,11 @@ def test_a_silent_vehicle_is_asked_six_times_for_each() -> None:
     assert set(requests.answers.values()) == {Answer.SILENT}
 
 
+def test_how_far_the_boat_is_from_where_it_makes_for_is_asked_once_a_second() -> None:
+    (wanted,) = [each for each in wanted_streams(4.0) if each.message_id == 62]  # NAV_CONTROLLER_OUTPUT
+    assert (wanted.rate_hz, wanted.group) == (1.0, mavlink.MAV_DATA_STREAM_EXTENDED_STATUS)
+
+
 def test_a_budget_lives_on_two_streams_more() -> None:
     plain, with_battery = wanted_streams(4.0), wanted_streams(4.0, battery=True)
     assert with_battery[: len(plain)] == plain
