@@ -173,6 +173,8 @@ class Trials:
             self.crashed(before)
         elif self._suspect != before:
             self._write()
+            # Remembered now: if this run ends before it has come to that record, it is not the second time.
+            self.mark.set(None)
 
     def _read(self) -> None:
         try:

@@ -21,7 +21,7 @@ from autonomy.shell.journal import Journal, make_header
 from autonomy.shell.journal_alone import Beginning, beginning
 from autonomy.shell.journal_files import Position
 from autonomy.shell.resumption import CRASHES_PER_CHECKPOINT, FAILURES_PER_CHECKPOINT, Continuity, Moment
-from autonomy.shell.trials import PROVED_BY
+from autonomy.shell.trials import PROVED_BY, Trials
 
 SETTINGS: dict[str, Any] = {
     "survey": {"area": [(33.4, -118.6), (33.4, -118.4), (33.6, -118.4), (33.6, -118.6)]}
@@ -231,6 +231,24 @@ def test_a_record_that_ends_the_process_without_a_word_is_tried_once_more(
     third.hears(LinkDown("three"))
     third.ends()
     assert run().lost == {"one", "three"}
+
+
+def test_a_service_killed_at_work_and_then_at_its_start_has_quarantined_nothing(
+    run: Callable[..., Run], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The second time the record was not under way: the replay had not come to it."""
+    first = run()
+    first.hears(LinkDown("one"))
+    ENDS_OVER.append("two")
+    with pytest.raises(EndError):
+        first.hears(LinkDown("two"))
+    first.ends()
+    ENDS_OVER.clear()
+    killed = Store(tmp_path / "kept")
+    Trials(killed.folder, killed.write)
+    killed.close()
+    assert run().lost == {"one", "two"}
+    assert "quarantine" not in caplog.text
 
 
 def test_a_service_killed_at_work_twice_has_quarantined_nothing(run: Callable[..., Run]) -> None:
