@@ -1,25 +1,31 @@
 """NetCDF files are tried in a process of their own first: a damaged one may hang the library, or end the process.
 
 HDF5 checks little of what it reads, and follows whatever addresses a file holds. So a child reads the file as it will
-be read here, under limits of time and memory; only what it has survived is opened. Children are forked from a server
-that has the library loaded already, which takes some hundredths of a second.
+be read here, under limits of time and memory; only what it has survived is opened. To start a child takes most of a
+second, which is why it is done once per file; it leaves no helper of its own behind.
 """
 
 import contextlib
 import functools
-import multiprocessing
+import pickle
 import resource
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from pathlib import Path
 
 from sim.field import FieldError
 
 _MIB = 2**20
 _LONGEST_TEXT = 10_000
+_REFUSED = 65
 _REMEMBERED = 64
+_CHILD = (
+    "import pickle, sys; told = sys.stdin.buffer; sys.path[:] = pickle.load(told); "
+    "from sim.netcdf_guard import try_reading; try_reading(*pickle.load(told))"
+)
 
 
 @dataclass(frozen=True)
@@ -72,48 +78,44 @@ def _check(
     size: int,
     *_identity: int,
 ) -> None:
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([read.__module__])
-    answer, told = context.Pipe(duplex=False)
-    child = context.Process(target=_try, args=(told, path, variable, read, limits, size), daemon=True)
-    child.start()
-    told.close()
+    wanted = pickle.dumps(sys.path) + pickle.dumps((path, variable, read, limits, size))
+    seconds = limits.seconds(size)
     try:
-        in_time = answer.poll(limits.seconds(size) + limits.waiting_s)
-        problem = answer.recv_bytes(4 * _LONGEST_TEXT).decode(errors="replace") if in_time else None
-    except (EOFError, OSError):
-        problem = None
-    finally:
-        answer.close()
-        child.kill()
-        child.join()
-    if problem is None:
-        raise FieldError(f"{path}: it is damaged: {_ending(child.exitcode, limits.seconds(size))}")
-    if problem:
-        raise FieldError(problem)
+        child = subprocess.run(
+            [sys.executable, "-c", _CHILD],
+            input=wanted,
+            capture_output=True,
+            timeout=seconds + limits.waiting_s,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise FieldError(f"{path}: it is damaged: {_ending(-signal.SIGXCPU, seconds)}") from None
+    if child.returncode == _REFUSED:
+        raise FieldError(child.stdout.decode(errors="replace"))
+    if child.returncode:
+        raise FieldError(f"{path}: it is damaged: {_ending(child.returncode, seconds)}")
 
 
-def _try(
-    told: Connection,
-    path: Path,
-    variable: str | None,
-    read: Callable[[Path, str | None], object],
-    limits: Limits,
-    size: int,
+def try_reading(
+    path: Path, variable: str | None, read: Callable[[Path, str | None], object], limits: Limits, size: int
 ) -> None:
+    """What the child does: read the file under limits, and say why if it can't be read."""
     seconds = max(1, round(limits.seconds(size)))
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with contextlib.suppress(ValueError):  # where address space can't be limited
         resource.setrlimit(resource.RLIMIT_AS, (_address_space() + limits.memory(size),) * 2)
-    problem = ""
     try:
         read(path, variable)
     except FieldError as error:
         problem = str(error)[:_LONGEST_TEXT]
     except MemoryError:
         problem = f"{path}: it is damaged: reading it takes more memory than a sound file of its size would"
-    told.send_bytes(problem.encode())
+    else:
+        return
+    sys.stdout.buffer.write(problem.encode())
+    sys.stdout.flush()
+    sys.exit(_REFUSED)
 
 
 def _address_space() -> int:
@@ -124,8 +126,8 @@ def _address_space() -> int:
         return 0
 
 
-def _ending(exit_code: int | None, seconds: float) -> str:
+def _ending(exit_code: int, seconds: float) -> str:
     if exit_code in (-signal.SIGXCPU, -signal.SIGKILL):
         return f"reading it does not end within {seconds:.0f} s"
-    name = signal.Signals(-exit_code).name if exit_code is not None and exit_code < 0 else f"exit {exit_code}"
+    name = signal.Signals(-exit_code).name if exit_code < 0 else f"exit {exit_code}"
     return f"reading it ends the process ({name})"

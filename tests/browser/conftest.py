@@ -87,7 +87,7 @@ class OutsideWitness:
         self._socket.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def outside() -> Iterator[OutsideWitness]:
     """What the browser has wanted from elsewhere."""
     witness = OutsideWitness()
@@ -95,9 +95,12 @@ def outside() -> Iterator[OutsideWitness]:
     witness.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser(chromium_path: str, outside: OutsideWitness) -> Iterator["object"]:
-    """One browser for all tests, each with a context (cookies, storage) of its own."""
+    """One browser for a module's tests, each with a context (cookies, storage) of its own.
+
+    While it is open an event loop runs in this thread: tests elsewhere must find none.
+    """
     api = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install 'halocline[dev]'")
     with api.sync_playwright() as playwright:
         flags = [*FLAGS, f"--proxy-server={outside.address}"]

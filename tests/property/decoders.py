@@ -701,6 +701,6 @@ DECODERS: dict[str, Decoder] = {
     "kml": Decoder(polygons("a.kml", "area"), kml, (SurveyError,), KML_TOKENS),
     "kmz": Decoder(polygons("a.kmz", "area"), kml, (SurveyError,), KML_TOKENS, kmz_of),
     "depth": Decoder(reader_of("depth.asc", read_depths), depth_grid, (SurveyError,), NUMBER_TOKENS),
-    "netcdf": Decoder(reader_of("damaged.nc", open_netcdf), netcdf, (FieldError,), NETCDF_TOKENS, cost=10),
+    "netcdf": Decoder(reader_of("damaged.nc", open_netcdf), netcdf, (FieldError,), NETCDF_TOKENS, cost=50),
     "key": Decoder(read_key, lambda: [b"a phrase\n", b"ab" * 32, bytes(32)], (), [b"\n", b"\r\n"]),
 }
