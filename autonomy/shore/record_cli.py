@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record until told to stop: 0; 1 if the folder or the address can't be had; 2 for bad usage."""
+    """Record until told to stop: 0; 1 if folder or address can't be had or following failed; 2 for bad usage."""
     limits = Limits(file_bytes=round(args.file_mb * 1e6), total_bytes=round(args.total_mb * 1e6))
     if limits.file_bytes > limits.total_bytes:
         return _complain(EXIT_USAGE, "--file-mb must be at most --total-mb")
@@ -74,10 +74,12 @@ def run(args: argparse.Namespace) -> int:
             return _complain(EXIT_FAILED, str(error))
         _say(f"recording in {args.folder}")
         account = _Account()
-        while not stopping.wait(_LOOK_S):
+        while subscriber.failed is None and not stopping.wait(_LOOK_S):
             account.look(recorder.status, subscriber.counters)
         subscriber.close()
     account.finish(recorder.status, subscriber.counters)
+    if subscriber.failed is not None:
+        return _complain(EXIT_FAILED, f"vehicles are not followed any more: {subscriber.failed!r}")
     return EXIT_OK
 
 

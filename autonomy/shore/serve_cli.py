@@ -59,12 +59,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve until told to stop: 0; 1 if an address or a folder can't be had; 2 for bad usage."""
+    """Serve until told to stop: 0; 1 if an address or a folder can't be had, or following failed; 2 for bad usage."""
     try:
         # Only who serves needs what these need.
         from autonomy.shore.recording import RecordingError
         from autonomy.shore.server.access import read_token
-        from autonomy.shore.server.service import Settings, serve
+        from autonomy.shore.server.service import FollowingError, Settings, serve
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in _EXTRA:
             raise
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         return _complain(EXIT_USAGE, str(error))
     try:
         asyncio.run(serve(settings))
-    except (OSError, RecordingError) as error:
+    except (OSError, RecordingError, FollowingError) as error:
         return _complain(EXIT_FAILED, str(error))
     return EXIT_OK
 

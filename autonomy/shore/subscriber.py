@@ -76,7 +76,8 @@ class Subscriber:
         vehicle: name, or "*" for all.
         connect: endpoints of routers to be a client of; dialled until one is there.
         listen: endpoints at which to be the router itself. One of the two must be given, not both.
-        on_update: called with every update in the subscriber's thread, after the latest values have changed.
+        on_update: called with every update in the subscriber's thread, after the latest values have changed. What it
+            raises ends the following, and is `failed`; so with `on_arrival`.
         on_arrival: called with every message as it came, in the same thread and before `on_update`: models, plans,
             health and the like when they are new, observations and lines in order and none twice.
         track_limit: observations kept per vehicle.
@@ -113,6 +114,7 @@ class Subscriber:
         self._stopping, self._following = threading.Event(), threading.Event()
         self._changed = threading.Condition()
         self._counters = Counters()
+        self._failed: Exception | None = None
         self._outdated: set[str] = set()
         self._updates = 0
         self._swept_s = self._called_s = 0.0
@@ -162,6 +164,12 @@ class Subscriber:
         return list(notices(rows))
 
     @property
+    def failed(self) -> Exception | None:
+        """What has ended the following before `close`; None as long as it goes on. Nothing comes in after it."""
+        with self._changed:
+            return self._failed
+
+    @property
     def counters(self) -> Counters:
         """What has come in since the start."""
         with self._changed:
@@ -184,6 +192,18 @@ class Subscriber:
                     self._changed.wait(remaining)
 
     def _run(self) -> None:
+        try:
+            self._follow()
+        except Exception as error:
+            log.exception("vehicles are not followed any more")
+            with self._changed:
+                self._failed = error
+                self._updates += 1
+                self._changed.notify_all()
+        finally:
+            self._following.set()
+
+    def _follow(self) -> None:
         with self._session.following(self._stopping):
             self._following.set()
             # Whose token stands already is told us anyhow.

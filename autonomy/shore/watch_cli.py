@@ -26,7 +26,7 @@ from autonomy.shore.subscriber import Presence, Subscriber, Update, VehicleView
 from autonomy.shore.words import agreement, belief
 from autonomy.wire import VEHICLE_NAME, LogNotice, ModelSnapshot
 
-EXIT_OK, EXIT_NOTHING_CAME, EXIT_USAGE = 0, 1, 2
+EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 _PICTURE_PERIOD_S = 1.0
 _LOOK_S = 0.2
 _UPDATES_LIMIT = 1000
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Follow until told to stop: 0; 1 if too few came in time or the address is taken; 2 for bad usage."""
+    """Follow until told to stop: 0; 1 if too few came, it failed, or the address is taken; 2 for bad usage."""
     draw = None
     for option, path in (("--png", args.png), ("--save", args.save)):
         if path is not None and not path.absolute().parent.is_dir():
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             subscriber.start()
         except OSError as error:
-            return _complain(EXIT_NOTHING_CAME, str(error))
+            return _complain(EXIT_FAILED, str(error))
         try:
             return _Watch(subscriber, updates, stopping, draw, args).follow()
         except BrokenPipeError:
@@ -116,6 +116,10 @@ class _Watch:
         """Until the count, the timeout or a signal; the last picture is drawn in any case."""
         deadline = math.inf if self._args.timeout is None else time.monotonic() + self._args.timeout
         while not self._stopping.is_set() and not self._enough() and time.monotonic() < deadline:
+            if self._subscriber.failed is not None:
+                return _complain(
+                    EXIT_FAILED, f"vehicles are not followed any more: {self._subscriber.failed!r}"
+                )
             try:
                 update = self._updates.get(timeout=_LOOK_S)
             except queue.Empty:
@@ -128,9 +132,7 @@ class _Watch:
         if self._stopping.is_set() or self._enough() or (self._args.count is None and self._snapshots):
             return EXIT_OK
         wanted = "" if self._args.count is None else f" of {self._args.count}"
-        return _complain(
-            EXIT_NOTHING_CAME, f"{self._snapshots}{wanted} snapshots came in {self._args.timeout:g} s"
-        )
+        return _complain(EXIT_FAILED, f"{self._snapshots}{wanted} snapshots came in {self._args.timeout:g} s")
 
     def _save(self, model: ModelSnapshot) -> None:
         if self._args.save is not None:

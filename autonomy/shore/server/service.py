@@ -29,9 +29,14 @@ from autonomy.shore.subscriber import Subscriber, Update
 from autonomy.wire import LogNotice, decode, split_key
 
 _FAREWELL_S = 2.0
+_LOOK_S = 0.5
 # What is recorded is to be whole; the page alone does with the last hours.
 _WHOLE: dict[str, None] = {"history": None, "log_history": None}
 _NUMBERED = (Topic.OBSERVATIONS.value, Topic.LOG.value)
+
+
+class FollowingError(RuntimeError):
+    """Vehicles are not followed any more, and the page would grow old; says why."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,7 @@ async def serve(settings: Settings) -> None:
     Raises:
         OSError: an address or a folder cannot be had.
         RecordingError: the recording can't be read.
+        FollowingError: vehicles are not followed any more.
     """
     stopping = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -120,13 +126,22 @@ async def serve(settings: Settings) -> None:
                 await asyncio.to_thread(subscriber.start)
                 try:
                     _say(f"the page is at http://{address}/")
-                    await stopping.wait()
+                    await _end(stopping, subscriber)
                 finally:
                     await asyncio.to_thread(subscriber.close)
     finally:
         atelier.close()
         if recorder is not None:
             recorder.close()
+
+
+async def _end(stopping: asyncio.Event, subscriber: Subscriber) -> None:
+    """Wait until we are asked to stop. FollowingError if the subscriber ends before."""
+    while subscriber.failed is None:
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(stopping.wait(), _LOOK_S)
+            return
+    raise FollowingError(f"vehicles are not followed any more: {subscriber.failed!r}")
 
 
 def _recorder(folder: Path) -> Recorder:
