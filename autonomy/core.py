@@ -139,6 +139,11 @@ class Core:
         return self._learner
 
     @property
+    def utc_s(self) -> float | None:
+        """The moment that the vehicle's clock last told, seconds since 1970; None while they are not known."""
+        return self._reporter.utc_s
+
+    @property
     def position_m(self) -> FloatArray | None:
         """Where the vessel was last, shape (2,), local metres."""
         return self._helm.position_m

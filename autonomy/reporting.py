@@ -140,7 +140,7 @@ class Reporter:
         """A line for the log on board and, from INFO on, for people ashore."""
         self._effects.append(Log(level, text))
         if level is not Level.DEBUG:
-            line = LogNotice(level.name.lower(), text, self._utc_s())
+            line = LogNotice(level.name.lower(), text, self.utc_s)
             self._effects.append(Publish(Topic.LOG, line))
 
     def step(self, now: float, status: Callable[[], Status]) -> None:
@@ -173,8 +173,9 @@ class Reporter:
         self._sequence += 1
         self._effects.append(Publish(Topic.MODEL, self._snapshot(status)))
 
-    def _utc_s(self) -> float | None:
-        """Seconds since 1970, None while they are not known."""
+    @property
+    def utc_s(self) -> float | None:
+        """The vehicle's clock in seconds since 1970, None while they are not known."""
         offset_s, vehicle = self._telemetry.utc_offset_s, self._telemetry.state
         if offset_s is None or vehicle is None or vehicle.model_time_s is None:
             return None

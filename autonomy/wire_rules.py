@@ -214,6 +214,7 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "capacity": kinds.count,
         "rho0": _share,
         "configuration_hash": kinds.text(64),
+        "run": kinds.count,
     },
     Topic.PLAN: {
         "sequence": kinds.count,
@@ -229,6 +230,8 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "rejected": _rejected,
         "seed": kinds.or_none(kinds.count),
         "model_version": kinds.or_none(kinds.count),
+        "run": kinds.count,
+        "utc_s": _utc,
     },
     Topic.OBSERVATIONS: {
         **_NUMBERS,
@@ -270,6 +273,7 @@ RULES: dict[Topic, dict[str, Rule]] = {
         "run": kinds.count,
         "observations_end": kinds.count,
         "log_end": kinds.count,
+        "utc_s": _utc,
     },
     Topic.LOG: {**_NUMBERS, "lines": _lines},
     Topic.SURVEY: {

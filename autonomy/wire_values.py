@@ -40,6 +40,7 @@ class ModelSnapshot:
         precision: how `model` travels: one of `snapshot.PRECISIONS`.
         stated_error: by how much the map that is made of what travelled may differ from the vehicle's, in the mean
             and in the standard deviation, as shares of the field's standard deviation; 0 for lossless.
+        run: of the vehicle's software, as in `Numbered`; 0 before it is on its way.
         believed: the kernel on board, which parts of the field move and how. That of `model` stands still where it
             went over a thin link. None before it has travelled: then it is that of `model`.
     """
@@ -64,6 +65,7 @@ class ModelSnapshot:
     capacity: int
     rho0: float
     configuration_hash: str
+    run: int = 0
     precision: Precision = "lossless"
     stated_error: tuple[float, float] = (0.0, 0.0)
     believed: Kernel | None = None
@@ -92,6 +94,8 @@ class PlanNotice:
         rejected: names and objectives of candidates that lost, the best first.
         seed: of the planner's random choices.
         model_version: readings that the model knew that was planned with.
+        run: of the vehicle's software, as in `Numbered`; 0 before it is on its way.
+        utc_s: when it was made, seconds since 1970; None while the vehicle doesn't know it.
     """
 
     sequence: int
@@ -107,6 +111,8 @@ class PlanNotice:
     rejected: tuple[tuple[str, float], ...] = ()
     seed: int | None = None
     model_version: int | None = None
+    run: int = 0
+    utc_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -223,7 +229,7 @@ class HealthNotice:
     were thrown away before anybody heard them; `journal` what is wrong with the recording of the run, empty
     if nothing is; `security` what was refused on the link to the vehicle, and why; `shore` what is wrong with the way
     ashore; `run`, `observations_end` and `log_end` the run of the software and the ends of what it has told, as in
-    `Numbered`.
+    `Numbered`; `utc_s` the moment of `model_time_s` in seconds since 1970.
     """
 
     state: str
@@ -256,6 +262,7 @@ class HealthNotice:
     run: int = 0
     observations_end: int = 0
     log_end: int = 0
+    utc_s: float | None = None
 
 
 Message = (

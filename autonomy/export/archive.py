@@ -40,7 +40,7 @@ PRAGMA journal_mode = OFF;
 PRAGMA synchronous = OFF;
 CREATE TABLE models (id INTEGER PRIMARY KEY, run INTEGER, model_time REAL, utc REAL, subject TEXT, components INTEGER,
     payload BLOB);
-CREATE TABLE plans (id INTEGER PRIMARY KEY, run INTEGER, model_time REAL, received REAL, payload BLOB UNIQUE);
+CREATE TABLE plans (id INTEGER PRIMARY KEY, run INTEGER, model_time REAL, received REAL, utc REAL, payload BLOB UNIQUE);
 CREATE TABLE states (id INTEGER PRIMARY KEY, run INTEGER, model_time REAL, lat REAL, lon REAL, heading REAL, speed REAL,
     samples INTEGER, basis_size INTEGER, rho REAL, state TEXT, reason TEXT);
 CREATE TABLE lines (run INTEGER, number INTEGER, model_time REAL, received REAL, utc REAL, level TEXT, text TEXT,
@@ -75,8 +75,7 @@ class Archive:
         self._database.execute("BEGIN")
         self._runs: dict[int, int] = {}
         self._announced: dict[int, int] = {}
-        self._run = 1
-        self._model_time_s: float | None = None
+        self._moments: dict[int, float] = {}
         self._kept: tuple[int, float] | None = None
         self._newest: tuple[int, float, float | None, bytes | ModelSnapshot] | None = None
 
@@ -84,21 +83,21 @@ class Archive:
         """Let go of the database."""
         self._database.close()
 
-    def begin_run(self, run: int) -> None:
-        """What comes from now on is of this run of the vehicle's software, whatever number it has there."""
-        self._run = self._index(run)
-
     def take_model(
-        self, received_utc_s: float, model_time_s: float, utc_s: float | None, model: bytes | ModelSnapshot
+        self,
+        received_utc_s: float,
+        run: int,
+        model_time_s: float,
+        utc_s: float | None,
+        model: bytes | ModelSnapshot,
     ) -> None:
-        """A model, decoded or as it came; most are not kept."""
-        self._moment(model_time_s, received_utc_s)
-        if utc_s is not None:
-            self._clock.tell(self._run, model_time_s, utc_s)
-        if self._newest is not None and self._newest[0] != self._run:
+        """A model of a run, decoded or as it came; most are not kept."""
+        index = self._index(run)
+        self._moment(index, model_time_s, utc_s, received_utc_s)
+        if self._newest is not None and self._newest[0] != index:
             self._keep(*self._newest)
-        passed_s = model_time_s - self._kept[1] if self._kept and self._kept[0] == self._run else -1.0
-        candidate = (self._run, model_time_s, utc_s, model)
+        passed_s = model_time_s - self._kept[1] if self._kept and self._kept[0] == index else -1.0
+        candidate = (index, model_time_s, utc_s, model)
         if 0.0 <= passed_s < self._every_s:
             self._newest = candidate if passed_s > 0.0 else self._newest
         else:
@@ -106,8 +105,9 @@ class Archive:
 
     def take_plan(self, received_utc_s: float, plan: PlanNotice) -> None:
         """A plan; doubles are left out."""
-        row = (self._run, self._model_time_s, received_utc_s, wire.encode(plan))
-        self._insert("plans (run, model_time, received, payload)", row)
+        index = self._index(plan.run)
+        row = (index, self._moments.get(index), received_utc_s, plan.utc_s, wire.encode(plan))
+        self._insert("plans (run, model_time, received, utc, payload)", row)
 
     def take_survey(self, survey: SurveyNotice) -> None:
         """Where the survey is."""
@@ -120,12 +120,13 @@ class Archive:
         """A report of health."""
         if health.model_time_s is None:
             return
-        self._moment(health.model_time_s, received_utc_s)
+        index = self._index(health.run)
+        self._moment(index, health.model_time_s, health.utc_s, received_utc_s)
         place = (health.lat_deg, health.lon_deg, health.heading_deg, health.groundspeed_mps)
         figures = (health.samples, health.basis_size, health.rho)
         words = (health.state, health.reason)
         columns = "run, model_time, lat, lon, heading, speed, samples, basis_size, rho, state, reason"
-        self._insert(f"states ({columns})", (self._run, health.model_time_s, *place, *figures, *words))
+        self._insert(f"states ({columns})", (index, health.model_time_s, *place, *figures, *words))
 
     def take_readings(self, run: int, first: int, readings: Sequence[ObservationNotice]) -> None:
         """Readings of a run, numbered from `first` on; those that are there already are left out."""
@@ -150,7 +151,7 @@ class Archive:
         """Lines of the log of a run, numbered from `first` on; those that are there already are left out."""
         index = self._index(run)
         rows = (
-            (index, first + i, self._model_time_s, received_utc_s, one.utc_s, one.level, one.text)
+            (index, first + i, self._moments.get(index), received_utc_s, one.utc_s, one.level, one.text)
             for i, one in enumerate(lines)
         )
         self._database.executemany(f"INSERT OR IGNORE INTO lines VALUES ({_marks(7)})", rows)
@@ -180,23 +181,27 @@ class Archive:
             undated = self._undated("models", "states", "readings")
             if undated:
                 raise ExportError(
-                    f"{self.vehicle} did not tell UTC in {len(undated)} of its runs, as its models do once it knows "
+                    f"{self.vehicle} did not tell UTC in {len(undated)} of its runs, as its reports do once it knows "
                     "it, so nothing says when that was; --date-by-arrival dates them by the clock of whoever received "
                     "what it told"
                 )
-        for number, run, at in self._select(
-            "SELECT id, run, model_time FROM models WHERE utc IS NULL"
-        ).fetchall():
-            utc_s = float(self._clock.utc(run, at))
-            self._database.execute("UPDATE models SET utc = ? WHERE id = ?", (utc_s, number))
         for table in ("plans", "lines"):
             # What was heard before the vehicle said any time is dated by the first that it said.
             first = f"SELECT model_time FROM states WHERE states.run = {table}.run ORDER BY id LIMIT 1"
             self._database.execute(f"UPDATE {table} SET model_time = ({first}) WHERE model_time IS NULL")
+        self._date("models", "NULL")
+        self._date("plans", "received")
         for run, end in self._announced.items():
             (count,) = self._select("SELECT COUNT(*) FROM readings WHERE run = ?", run).fetchone()
             if count < end:
                 self._regret(f"{end - count} of {end} observations of a run of {self.vehicle} are missing")
+
+    def _date(self, table: str, received: str) -> None:
+        """Date what of a table the vehicle did not date, by its clock."""
+        undated = self._select(f"SELECT id, run, model_time, {received} FROM {table} WHERE utc IS NULL")
+        for number, run, at, received_utc_s in undated.fetchall():
+            utc_s = self._utc(run, at, received_utc_s)
+            self._database.execute(f"UPDATE {table} SET utc = ? WHERE id = ?", (utc_s, number))
 
     def _undated(self, *tables: str) -> set[int]:
         """The runs in these tables whose time nothing tells."""
@@ -208,7 +213,7 @@ class Archive:
         idle = self._undated("states", "plans", "lines") - self._undated("models", "readings")
         for run in idle:
             self._database.execute("DELETE FROM states WHERE run = ?", (run,))
-            self._database.execute("DELETE FROM plans WHERE run = ?", (run,))
+            self._database.execute("DELETE FROM plans WHERE run = ? AND utc IS NULL", (run,))
             self._database.execute("DELETE FROM lines WHERE run = ? AND utc IS NULL", (run,))
         if idle:
             self._regret(f"left out: {len(idle)} runs of {self.vehicle} without a reading, a model or UTC")
@@ -262,15 +267,13 @@ class Archive:
         raise ExportError(self._nothing)
 
     def plans(self) -> Iterator[DatedPlan]:
-        """The plans in the order in which they were heard."""
-        for run, at, received, payload in self._select(
-            "SELECT run, model_time, received, payload FROM plans ORDER BY id"
+        """The plans in the order in which they were made."""
+        for utc_s, payload in self._select(
+            f"SELECT utc, payload FROM plans WHERE {_WITHIN} ORDER BY utc, id", *self._ends
         ):
-            utc_s = self._utc(run, at, received)
-            if self._holds(utc_s):
-                plan = wire.decode(Topic.PLAN, payload)
-                assert isinstance(plan, PlanNotice)
-                yield DatedPlan(utc_s, plan)
+            plan = wire.decode(Topic.PLAN, payload)
+            assert isinstance(plan, PlanNotice)
+            yield DatedPlan(utc_s, plan)
 
     def lines(self) -> Iterator[DatedLine]:
         """The lines of the log, in order."""
@@ -324,12 +327,14 @@ class Archive:
         return self._window.start_s, self._window.end_s
 
     def _index(self, run: int) -> int:
-        """Our number of a run: from 1 on, as they were heard of. What came before any belongs to the first."""
+        """Our number of a run: from 1 on, as they were heard of."""
         return self._runs.setdefault(run, len(self._runs) + 1)
 
-    def _moment(self, model_time_s: float, received_utc_s: float) -> None:
-        self._model_time_s = model_time_s
-        self._clock.arrived(self._run, model_time_s, received_utc_s)
+    def _moment(self, index: int, model_time_s: float, utc_s: float | None, received_utc_s: float) -> None:
+        self._moments[index] = model_time_s
+        self._clock.arrived(index, model_time_s, received_utc_s)
+        if utc_s is not None:
+            self._clock.tell(index, model_time_s, utc_s)
 
     def _keep(self, run: int, model_time_s: float, utc_s: float | None, model: bytes | ModelSnapshot) -> None:
         self._kept, self._newest = (run, model_time_s), None

@@ -12,7 +12,7 @@ _STEP_S = 0.01
 
 
 class Clock:
-    """Differences between UTC and the vehicle's clock, as its models tell them.
+    """Differences between UTC and the vehicle's clock, as its models and its reports of health tell them.
 
     The vehicle's clock runs on evenly within a run, so a difference holds until another one is told, and the first
     one holds for what was before it too. Nothing else dates anything: where the vehicle never knew UTC, times are NaN,

@@ -110,7 +110,6 @@ def _take(archive: Archive, one: Recorded) -> int:
         case LogBatch() as batch:
             archive.take_lines(one.received_utc_s, batch.run, batch.first, batch.items)
         case HealthNotice() as health:
-            archive.begin_run(health.run)
             archive.announce(health.run, health.observations_end)
             archive.take_state(one.received_utc_s, health)
         case PlanNotice() as plan:
@@ -124,8 +123,13 @@ def _take_model(archive: Archive, one: Recorded) -> int:
     """Only the models that are kept are decoded whole, which takes a hundred times as long."""
     content = wire.parse(Topic.MODEL, one.payload)
     match content:
-        case {"v": wire.VERSION, "model_time_s": float() as at, "utc_s": float() | None as utc_s}:
-            archive.take_model(one.received_utc_s, at, utc_s, one.payload)
+        case {
+            "v": wire.VERSION,
+            "run": int() as run,
+            "model_time_s": float() as at,
+            "utc_s": float() | None as utc_s,
+        }:
+            archive.take_model(one.received_utc_s, run, at, utc_s, one.payload)
         case _:
             wire.decode(Topic.MODEL, one.payload)
             raise wire.WireError("model: holds no times")
@@ -148,7 +152,7 @@ class _Told:
     def _take(self, utc_s: float, payload: Any) -> None:
         match payload:
             case ModelSnapshot():
-                self._archive.take_model(utc_s, payload.model_time_s, payload.utc_s, payload)
+                self._archive.take_model(utc_s, payload.run, payload.model_time_s, payload.utc_s, payload)
             case PlanNotice():
                 self._archive.take_plan(utc_s, payload)
             case HealthNotice():

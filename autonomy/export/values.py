@@ -56,7 +56,7 @@ class DatedModel:
 
 @dataclass(frozen=True, eq=False)
 class DatedPlan:
-    """A plan, and when it was heard."""
+    """A plan, and when it was made or, if it does not say so, heard."""
 
     utc_s: float
     plan: PlanNotice

@@ -37,7 +37,7 @@ from autonomy.shell.signed_link import SignedLink
 from autonomy.shell.systemd import Notifier
 from autonomy.shell.transport import Transport
 from autonomy.shell.worker import Worker
-from autonomy.wire import HealthNotice
+from autonomy.wire import HealthNotice, PlanNotice
 
 log = logging.getLogger("autonomy")
 
@@ -287,16 +287,19 @@ class Daemon:
                 self._publisher.publish(topic, health)
                 doubts = "".join(f"; {each}" for each in (health.security, health.shore) if each)
                 self._tell_manager(f"{health.state}: {health.reason}{doubts}")
+            case Publish(topic, PlanNotice() as plan):
+                self._publisher.publish(topic, replace(plan, utc_s=self._core.utc_s))
             case Publish(topic, payload):
                 self._publisher.publish(topic, payload)
             case Log(level, text):
                 log.log(level.value, "%s", text)
 
     def _completed(self, health: HealthNotice) -> HealthNotice:
-        """With what the core can't know: how the links and the recording are."""
+        """With what the core doesn't tell: UTC, and how the links and the recording are."""
         ashore = self._publisher.status
         return replace(
             health,
+            utc_s=self._core.utc_s,
             dropped=sum(ashore.dropped.values()),
             journal=self._journal_trouble(),
             security="" if self._signed_link is None else self._signed_link.report,

@@ -167,7 +167,9 @@ class Outbox:
                 told = replace(value, run=self._run, observations_end=ends[0], log_end=ends[1])
                 payload = self._written(told)
             case wire.ModelSnapshot():
-                payload = self._model(value)
+                payload = self._model(replace(value, run=self._run))
+            case wire.PlanNotice():
+                payload = self._written(replace(value, run=self._run))
             case _:
                 payload = self._written(value)
         if payload is not None:

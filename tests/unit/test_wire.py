@@ -70,6 +70,8 @@ plans = st.integers(0, 20).flatmap(
         rejected=st.lists(st.tuples(st.text(max_size=40), number), max_size=3).map(tuple),
         seed=maybe(count),
         model_version=maybe(count),
+        run=count,
+        utc_s=maybe(st.floats(0, 1e11)),
     )
 )
 flag = st.sampled_from([1, 2, 3, 4, 9])
@@ -113,6 +115,8 @@ healths = st.builds(
     dropped=count,
     journal=st.text(max_size=400),
     quality=st.dictionaries(st.text(max_size=40), st.tuples(*[count] * 5), max_size=8),
+    run=count,
+    utc_s=maybe(st.floats(0, 1e11)),
 )
 lines = st.builds(
     LogNotice,

@@ -82,7 +82,7 @@ def figures(value: CalibrationFigures) -> Plain:
 
 
 def plan(value: PlanNotice, stamp_s: float) -> Plain:
-    """A plan, and when it came."""
+    """A plan, and when it was made or, if it doesn't say so, came."""
     return {**asdict(value), "utc_s": stamp_s}
 
 

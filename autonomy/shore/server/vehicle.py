@@ -107,7 +107,7 @@ class Vehicle:
 
     def plan(self, value: PlanNotice, received_utc_s: float) -> Plain:
         """Take a plan."""
-        stamp_s = received_utc_s + self._ahead_s
+        stamp_s = received_utc_s + self._ahead_s if value.utc_s is None else value.utc_s
         self._plan = plain.plan(value, stamp_s)
         names = ("mutual_information", "planner", "reason", "expected_rmse", "sequence")
         self._plans.append({"utc_s": stamp_s, **{name: getattr(value, name) for name in names}})

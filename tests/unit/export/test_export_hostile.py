@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from mcap.reader import make_reader
 from told import LATE_S, RUN, UTC_S, Told, health, plan, record
 
 from autonomy import cli
@@ -23,6 +24,7 @@ from autonomy.wire import (
     LogNotice,
     ModelSnapshot,
     ObservationBatch,
+    PlanNotice,
     SurveyNotice,
     encode,
 )
@@ -229,7 +231,7 @@ def test_a_start_at_the_quay_does_not_keep_the_survey_back(tmp_path: Path, expor
     told = Told(3)
     quay = [
         (UTC_S - 100.0, health(5.0, (0.0, 0.0), run=RUN + 1)),
-        (UTC_S - 99.0, plan(7)),
+        (UTC_S - 99.0, plan(7, run=RUN + 1)),
         (
             UTC_S - 98.0,
             LogBatch(RUN + 1, 0, 0, 2, (LogNotice("info", "dated", UTC_S), LogNotice("info", "not"))),
@@ -268,12 +270,10 @@ def test_a_vehicle_that_starts_again_is_one_track(tmp_path: Path, export: Export
     later: list[tuple[float, object]] = []
     for at, value in told.messages:
         match value:
-            case HealthNotice():
-                value = replace(value, run=RUN + 1)
-            case ObservationBatch() | LogBatch():
+            case HealthNotice() | ObservationBatch() | LogBatch() | PlanNotice():
                 value = replace(value, run=RUN + 1)
             case ModelSnapshot():
-                value = replace(value, utc_s=value.utc_s + 3600.0)
+                value = replace(value, utc_s=value.utc_s + 3600.0, run=RUN + 1)
         later.append((at + 3600.0, value))
     source = record(tmp_path / "recording", [*told.messages, *later])  # type: ignore[list-item]
     assert export(source, "--csv", tmp_path / "a.csv", "--netcdf", tmp_path / "a.nc")[0] == 0
@@ -283,6 +283,30 @@ def test_a_vehicle_that_starts_again_is_one_track(tmp_path: Path, export: Export
     assert (times[120] - times[0]).total_seconds() == pytest.approx(3600.0, abs=0.01)
     with xr.open_dataset(tmp_path / "a.nc") as maps:
         assert (np.diff(maps.time.values) > np.timedelta64(0)).all()
+
+
+def test_what_a_run_tells_dates_only_that_run(tmp_path: Path, export: Export) -> None:
+    """A recorder that was away hears the last model of one run after health of the next, whose clock is another."""
+    told = Told(3)
+    last = told.models[-1]
+    began_s = UTC_S + 7200.0
+    nearby = told.readings[0]
+    later = ObservationBatch(RUN + 1, 0, 0, 1, (nearby,))
+    messages = [
+        *told.messages,
+        (began_s + 11.0, replace(health(11.0, (0.0, 0.0), run=RUN + 1), utc_s=began_s + 11.0)),
+        (began_s + 12.0, later),
+        (began_s + 13.0, replace(last, sequence=99)),
+        (began_s + 14.0, replace(plan(7), utc_s=UTC_S + 30.0)),
+    ]
+    source = record(tmp_path / "recording", messages)
+    code, said = export(source, "--csv", tmp_path / "a.csv", "--mcap", tmp_path / "a.mcap")
+    assert (code, said) == (0, "")
+    times = pd.read_csv(tmp_path / "a.csv", parse_dates=["time_utc"])["time_utc"]
+    assert times.iloc[-1].timestamp() == pytest.approx(began_s + nearby.model_time_s, abs=0.01)
+    with (tmp_path / "a.mcap").open("rb") as file:
+        at_ns = [one.log_time for _, _, one in make_reader(file).iter_messages(topics=["/boat1/plan"])]
+    assert any(abs(each / 1e9 - UTC_S - 30.0) < 0.01 for each in at_ns)
 
 
 def test_two_surveys_are_exported_one_at_a_time(told: Told, tmp_path: Path, export: Export) -> None:

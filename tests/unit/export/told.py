@@ -94,6 +94,7 @@ def model(sequence: int, gp: SparseOnlineGP, at: float, *, knows_utc: bool = Tru
         capacity=40,
         rho0=0.6,
         configuration_hash="0123456789abcdef",
+        run=RUN,
     )
 
 
@@ -129,10 +130,17 @@ def health(at: float | None, place_m: Any, run: int = RUN) -> HealthNotice:
     )
 
 
-def plan(sequence: int) -> PlanNotice:
+def plan(sequence: int, run: int = RUN) -> PlanNotice:
     corners = degrees([(2000.0, 1000.0), (9000.0, 2000.0), (8000.0, 7000.0 + 100.0 * sequence)])
     return PlanNotice(
-        sequence, degrees([(0.0, 0.0)])[0], corners, (True, False, True), 4.5, "paper", "path finished"
+        sequence,
+        degrees([(0.0, 0.0)])[0],
+        corners,
+        (True, False, True),
+        4.5,
+        "paper",
+        "path finished",
+        run=run,
     )
 
 

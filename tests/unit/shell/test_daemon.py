@@ -11,11 +11,13 @@ import pytest
 import shapely
 
 from autonomy.config import Configuration
-from autonomy.effects import Topic
+from autonomy.core import Core
+from autonomy.effects import Publish, Topic
 from autonomy.geometry import LocalFrame
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell import daemon as module
 from autonomy.shell.daemon import Daemon
+from autonomy.wire import HealthNotice, PlanNotice
 
 
 @pytest.fixture
@@ -99,3 +101,23 @@ def test_a_certificate_that_expires_at_sea_is_told(
     health_of(subject, monkeypatch, word)
     assert told[0] == ""
     assert told[-1] == "the certificate expires on 2031-01-01"
+
+
+def test_health_and_plans_say_when_it_was(
+    daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Core, "utc_s", 1_750_000_000.0)
+    subject = daemon()
+    handle, published = subject._core.handle, []
+    plan = PlanNotice(0, (33.95, -118.85), (), (), None, "paper", "first plan")
+    publish = subject._publisher.publish
+
+    def noting(topic: Topic, payload: Any) -> None:
+        published.append(payload)
+        publish(topic, payload)
+
+    monkeypatch.setattr(subject._publisher, "publish", noting)
+    monkeypatch.setattr(subject._core, "handle", lambda *event: [*handle(*event), Publish(Topic.PLAN, plan)])
+    health_of(subject, monkeypatch, lambda health: str(health.utc_s or ""))
+    assert {one.utc_s for one in published if isinstance(one, PlanNotice | HealthNotice)} == {1_750_000_000.0}
+    assert {type(one) for one in published} >= {PlanNotice, HealthNotice}

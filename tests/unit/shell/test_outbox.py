@@ -72,6 +72,19 @@ def test_without_a_limit_all_goes_at_once_and_of_the_latest_only_the_newest() ->
     assert box.due_in_s(0.0, ALL) is None
 
 
+def test_the_run_goes_with_all_that_has_times_of_its_clock(model) -> None:
+    box = outbox()
+    for topic, value in (
+        (Topic.MODEL, model_snapshot(model)),
+        (Topic.PLAN, plan_notice()),
+        (Topic.HEALTH, health_notice()),
+        (Topic.OBSERVATIONS, observation(0)),
+        (Topic.LOG, wire.LogNotice("info", "sailing")),
+    ):
+        box.offer(topic, value)
+    assert [value.run for _, value in everything(box, 0.0)] == [9] * 5
+
+
 def test_health_tells_what_was_sent_before_it() -> None:
     box = outbox()
     box.offer(Topic.OBSERVATIONS, (observation(0), observation(1)))
@@ -163,6 +176,23 @@ def test_the_digest_is_of_what_was_published_last(model) -> None:
     rows = np.rint((lat - 34.4) / 0.08 * 40 - 0.5).astype(int)
     columns = np.rint((lon + 120.5) / 0.13 * 40 - 0.5).astype(int)
     assert np.abs(told.map(40, 40)[rows, columns] - truth).mean() < 0.2 * np.std(truth)
+
+
+def test_a_model_that_no_digest_can_hold_costs_the_digest_and_nothing_else(caplog) -> None:
+    huge = SparseOnlineGP(
+        Kernel((Component(1.0, SquaredExponential((900.0, 900.0))),), 0.1), 5, prior_mean=1e39
+    )
+    huge.update((0.0, 0.0), 1e39)
+    box = outbox()
+    for topic, value in (
+        (Topic.HEALTH, health_notice()),
+        (Topic.SURVEY, survey_notice()),
+        (Topic.MODEL, model_snapshot(huge.model())),
+    ):
+        box.offer(topic, value)
+    box.digest("boat1")
+    assert box.latest(Topic.STATUS) is None
+    assert "no digest: a prior mean of 1e+39" in caplog.text
 
 
 def test_the_limit_is_overdrawn_by_one_message_and_then_waited_out() -> None:
