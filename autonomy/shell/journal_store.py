@@ -126,6 +126,7 @@ class Store:
         self._open: _Open | None = None
         self._not_before = -float("inf")
         self._relief_not_before = -float("inf")
+        self._relieved = False
         self._rows: list[Row] = []
         self._buffer = bytearray()
         self._stream = bytearray()
@@ -196,6 +197,8 @@ class Store:
         return size >= self._limits.file_bytes or self._clock() - current.begun >= self._limits.file_age_s
 
     def _begin(self, first_record: int) -> None:
+        # A full disk is told until a file was begun and filled without giving an old one up.
+        was_relieved, self._relieved = self._relieved, False
         self._files += 1
         file = JournalFile(self.run, self._files, self._folder / file_name(self.run, self._files))
         place = {"run": self.run, "file": self._files, "first_record": first_record}
@@ -207,11 +210,12 @@ class Store:
                 self._open.written = len(header)
                 _sync_folder(self._folder)
                 self._dirty = True
-                self.trouble = ""
+                self.trouble = _FULL_DISK if was_relieved or self._relieved else ""
                 return
             except OSError as error:
                 self._discard(file)
                 if not self._relieve(error):
+                    self._relieved = self._relieved or was_relieved
                     self._abandon(error)
                     return
 
@@ -270,9 +274,13 @@ class Store:
         """Make room on a full disk by the journal's oldest files; whether there was one."""
         if error.errno not in FULL or not self._old:
             return False
-        self._remove_oldest()
-        self.trouble = _FULL_DISK
+        self._give_up_oldest()
         return True
+
+    def _give_up_oldest(self) -> None:
+        self._remove_oldest()
+        self._relieved = True
+        self.trouble = _FULL_DISK
 
     def _remove_oldest(self) -> None:
         file, size = self._old.popleft()
@@ -292,8 +300,7 @@ class Store:
             if free >= min(self._limits.file_bytes, MOST_ROOM_BYTES):
                 return
             size = self._old[0][1]
-            self._remove_oldest()
-            self.trouble = _FULL_DISK
+            self._give_up_oldest()
             if self._free_bytes() < free + size // 2:
                 # Somebody else has taken it, or the file system frees it later: not all shall go for that.
                 self._relief_not_before = self._clock() + RETRY_S

@@ -283,6 +283,32 @@ def test_a_full_disk_costs_the_oldest_files(tmp_path: Path, header) -> None:
     assert [text for text in troubles(tmp_path) if "damaged" in text] == []
 
 
+@pytest.mark.parametrize("room_is_minded", [False, True])
+def test_a_full_disk_is_told_until_a_file_was_filled_without_giving_one_up(
+    tmp_path: Path, header, room_is_minded: bool
+) -> None:
+    """Health does not say at each new file that all is well, and the log not that runs are recorded again."""
+    disk = Disk(tmp_path, 40_000)
+    free = (lambda _folder: disk.free) if room_is_minded else (lambda _folder: 10**9)
+    store = Store(tmp_path, Limits(8000, 1e9, 10**9), header, write=disk.write, free=free)
+    told = []
+    for number in range(1, 201):
+        store.write([row(number, 500), Packet(number, bytes(100))])
+        told.append(store.trouble)
+    full = "the disk is full: the oldest files are given up"
+    assert set(told[told.index(full) :]) == {full}
+    disk.room = 10**9
+    begun = journal_files(tmp_path)[-1].number
+    for number in range(201, 241):
+        store.write([row(number, 500), Packet(number, bytes(100))])
+        if not store.trouble:
+            break
+    # Whether an old file had been given up for the one at hand yet decides if the next must be filled too.
+    assert begun < journal_files(tmp_path)[-1].number <= begun + 2
+    assert store.lost_records == 0
+    store.close()
+
+
 def test_the_last_of_the_disk_is_left_to_checkpoints(tmp_path: Path, header) -> None:
     disk = Disk(tmp_path, 40_000)
     store = Store(
