@@ -162,17 +162,16 @@ def thinned_route(route_deg: Sequence[tuple[float, float]]) -> tuple[tuple[float
 def encode(digest: Digest) -> bytes:
     """At most 340 bytes; the map gets the room that the rest leaves.
 
-    What is too large for its place is cut. ValueError for what has no bytes at all: positions that are none, NaN.
+    What is too large for its place is cut. DigestError for what has no bytes at all: positions that are none, NaN, a
+    prior mean or a map beyond float32.
     """
-    head = bytes([VERSION]) + _fixed(digest)
-    for name, most in _TEXTS:
-        text = getattr(digest, name).encode()[:most].decode(errors="ignore").encode()
-        head += bytes([len(text)]) + text
-    head += kernel_bytes(digest.kernel, digest.prior_mean) + route_bytes(thinned_route(digest.route_deg))
-    if digest.coarse is not None and digest.bounds_deg is not None:
-        head += _BOUNDS.pack(*checked_bounds(*digest.bounds_deg), logarithm(digest.mean_sd))
-        head += digest.coarse.encoded(MAXIMUM_BYTES - 4 - len(head))
-    return head + struct.pack("<I", zlib.crc32(head))
+    try:
+        body = _written(digest)
+    except DigestError:
+        raise
+    except (ValueError, OverflowError, struct.error) as error:
+        raise DigestError(f"there is no digest of this: {error}") from error
+    return body + struct.pack("<I", zlib.crc32(body))
 
 
 def decode(data: bytes) -> Digest:
@@ -187,6 +186,19 @@ def decode(data: bytes) -> Digest:
         return _read(data[:-4])
     except (IndexError, ValueError) as error:
         raise DigestError(f"not a digest: {error}") from None
+
+
+def _written(digest: Digest) -> bytes:
+    """All but the checksum."""
+    head = bytes([VERSION]) + _fixed(digest)
+    for name, most in _TEXTS:
+        text = getattr(digest, name).encode()[:most].decode(errors="ignore").encode()
+        head += bytes([len(text)]) + text
+    head += kernel_bytes(digest.kernel, digest.prior_mean) + route_bytes(thinned_route(digest.route_deg))
+    if digest.coarse is not None and digest.bounds_deg is not None:
+        head += _BOUNDS.pack(*checked_bounds(*digest.bounds_deg), logarithm(digest.mean_sd))
+        head += digest.coarse.encoded(MAXIMUM_BYTES - 4 - len(head))
+    return head
 
 
 def _fixed(digest: Digest) -> bytes:

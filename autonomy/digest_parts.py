@@ -22,18 +22,21 @@ TIMES = ("static", "ornstein_uhlenbeck", "matern32_motion")
 _MAXIMUM_COMPONENTS = 4
 _DEGREE = 10_000_000
 _NOWHERE = -(2**31)
+_LARGEST_FLOAT32 = (2.0 - 2.0**-23) * 2.0**127
 # Logarithms to base 2 in steps of 1/512 from 2^-64 to 2^64.
 _LOG_STEPS, _LOG_OFFSET = 512, 64
 
 
 class DigestError(ValueError):
-    """The bytes are no digest, or a damaged one; says what is wrong."""
+    """The bytes are no digest, or a damaged one, or there is no digest of these values; says what is wrong."""
 
 
 def kernel_bytes(kernel: Kernel | None, prior_mean: float) -> bytes:
-    """The strongest components, of two axes."""
+    """The strongest components, of two axes. DigestError for a prior mean beyond float32, or none."""
     if kernel is None:
         return b"\0"
+    if not abs(prior_mean) <= _LARGEST_FLOAT32:
+        raise DigestError(f"a prior mean of {prior_mean:g} is no number of 4 bytes")
     strongest = sorted(kernel.components, key=lambda one: -one.variance)[:_MAXIMUM_COMPONENTS]
     kept = [component for component in kernel.components if component in strongest][:_MAXIMUM_COMPONENTS]
     data = bytes([len(kept)])

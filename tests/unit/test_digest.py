@@ -206,6 +206,20 @@ def test_what_has_no_bytes_is_an_error(changes):
         encode(full(**changes))
 
 
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"prior_mean": 1e39}, "prior mean of 1e\\+39"),
+        ({"prior_mean": math.nan}, "prior mean of nan"),
+        ({"coarse": CoarseMap.of(np.full((8, 8), 1e39))}, "no digest of this: .*too large"),
+        ({"kernel": Kernel((Component(1.0, Matern32((1.0,))),), 0.1)}, "no digest of this: .*4 items"),
+    ],
+)
+def test_what_no_bytes_hold_is_a_digest_error(changes, complaint):
+    with pytest.raises(DigestError, match=complaint):
+        encode(full(**changes))
+
+
 def sealed(body):
     return body + struct.pack("<I", zlib.crc32(body))
 
