@@ -14,6 +14,9 @@ WITNESSES = 3
 PAUSE_S = 60.0
 """Between two doubts, in protocol time: one that was wrong would come again with the next message."""
 
+LONGEST_PAUSE_S = 600.0
+"""An autopilot whose distances never fit is doubted ever more rarely: the pause doubles until one does."""
+
 _MOST_M = 65535
 """What NAV_CONTROLLER_OUTPUT tells of anything farther away."""
 
@@ -32,10 +35,11 @@ class MissionWitness:
         self._is_named = False
         self._against = 0
         self._not_before = -math.inf
+        self._pause_s = PAUSE_S
 
     def reset(self) -> None:
         """The boat does not sail ours: what was doubted is past."""
-        self._not_before = -math.inf
+        self._not_before, self._pause_s = -math.inf, PAUSE_S
         self.rest()
 
     def rest(self) -> None:
@@ -57,8 +61,10 @@ class MissionWitness:
         if not self._is_named or claimed_m == 0.0:
             return False
         self._is_named = False
-        apart_m = abs(claimed_m - min(distance_m, _MOST_M))
-        self._against = self._against + 1 if apart_m > _room_m(distance_m) + slack_m else 0
+        if abs(claimed_m - min(distance_m, _MOST_M)) <= _room_m(distance_m) + slack_m:
+            self._against, self._pause_s = 0, PAUSE_S
+            return False
+        self._against += 1
         return self._against >= WITNESSES and self._doubts(now)
 
     def doubts_place(self, now: float, distance_m: float, radius_m: float, slack_m: float) -> bool:
@@ -68,7 +74,8 @@ class MissionWitness:
     def _doubts(self, now: float) -> bool:
         if now < self._not_before:
             return False
-        self._not_before, self._against = now + PAUSE_S, 0
+        self._not_before, self._against = now + self._pause_s, 0
+        self._pause_s = min(LONGEST_PAUSE_S, 2.0 * self._pause_s)
         return True
 
 

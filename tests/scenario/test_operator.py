@@ -167,6 +167,19 @@ def test_a_mission_of_the_same_length_is_noticed_by_where_the_boat_sails(voyage,
     assert (voyage.on_board_m() == theirs).all()
 
 
+def test_without_distances_it_is_noticed_by_where_its_first_waypoint_is_reached(voyage):
+    take = voyage._take
+    nav_controller_output = 62  # its low byte is the eighth of a MAVLink 2 packet
+    voyage._take = lambda packets: take([each for each in packets if each[1][7] != nav_controller_output])
+    voyage.advance(20.0)
+    x, y = voyage.core.position_m
+    voyage.upload_as_operator(*[(x + 150.0, y + 60.0 * k) for k in range(len(voyage.on_board_m()))])
+    voyage.until("Reached waypoint", patience_s=60.0)
+    reached = voyage.now
+    assert voyage.advance(10.0, until=lambda: bool(voyage.lines("yielded", since=reached - 1.0)))
+    assert voyage.lines("m from ours: reading the mission on board")
+
+
 def test_an_undisturbed_mission_is_not_read_for_nothing(make_voyage):
     """Once at the start; before and after each upload; and every ten minutes."""
     voyage = make_voyage(boat(current=UniformCurrent(1.5, -1.0)), planning={"hold_s": 4.0})

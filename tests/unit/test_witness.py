@@ -1,6 +1,8 @@
 """What is held against the mission that we believe to be on board."""
 
-from autonomy.witness import PAUSE_S, MissionWitness
+from itertools import pairwise
+
+from autonomy.witness import LONGEST_PAUSE_S, PAUSE_S, MissionWitness
 
 
 def doubts(witness, claims, *, now=0.0, slack_m=8.0, number=3):
@@ -47,6 +49,19 @@ def test_a_doubt_that_was_wrong_does_not_come_again_at_once():
     assert any(doubts(witness, [(900, 300)] * 20, now=PAUSE_S))
     witness.reset()
     assert doubts(witness, [(900, 300)] * 3, now=PAUSE_S + 20.0)[-1], "of another mission"
+
+
+def test_an_autopilot_that_never_fits_is_doubted_ever_more_rarely():
+    witness = MissionWitness()
+    told = doubts(witness, [(900, 300)] * 4000)
+    when = [second for second, is_doubted in enumerate(told) if is_doubted]
+    pauses = [after - before for before, after in pairwise(when)]
+    assert pauses[:4] == [PAUSE_S, 2 * PAUSE_S, 4 * PAUSE_S, 8 * PAUSE_S]
+    assert set(pauses[4:]) == {LONGEST_PAUSE_S}
+    doubts(witness, [(300, 300)], now=4000.0)  # it fits
+    told = doubts(witness, [(900, 300)] * 1000, now=5000.0)
+    assert told[2]
+    assert told[2 + int(PAUSE_S)]
 
 
 def test_a_waypoint_reached_far_from_ours_raises_a_doubt():
