@@ -216,19 +216,21 @@ def _write(
     from autonomy.export.grid import map_grid
 
     subject = archive.subject()
-    newest = archive.newest().snapshot
+    origin = archive.origin()
     about = About(
         vehicle=archive.vehicle,
         source=arguments.source.resolve().name,
-        survey=newest.survey,
-        software_version=newest.software_version,
-        configuration_hash=newest.configuration_hash,
+        survey=origin.survey,
+        software_version=origin.software_version,
+        configuration_hash=origin.configuration_hash,
         created=datetime.now(UTC),
         command=shlex.join(["autonomy", *sys.argv[1:]]),
         dated_by_arrival=archive.dated_by_arrival,
         depth_m=arguments.depth,
         given=given,
     )
+    if "netcdf" in files or "mcap" in files:
+        archive.newest()
     if "netcdf" in files:
         from autonomy.export.netcdf_map import write_map
 

@@ -19,6 +19,7 @@ from autonomy.export.values import (
     DatedModel,
     DatedPlan,
     ExportError,
+    Origin,
     Readings,
     State,
     Subject,
@@ -226,11 +227,15 @@ class Archive:
         return self._clock.by_arrival and self._clock.guesses
 
     def subject(self) -> Subject:
-        """What was surveyed. Raises ExportError if there is no model, or if models differ in it."""
+        """What was surveyed, as the models say, or the survey's notice where there are only readings.
+
+        Raises:
+            ExportError: neither says it, or there are several.
+        """
         sql = f"SELECT subject, MIN(utc) FROM models WHERE {_WITHIN} GROUP BY subject ORDER BY MIN(utc)"
         found = self._select(sql, *self._ends).fetchall()
         if not found:
-            raise ExportError(self._nothing)
+            return self._told_subject()
         if len(found) > 1:
             others = ", ".join(iso_utc(utc_s) for _, utc_s in found[1:])
             raise ExportError(
@@ -240,6 +245,29 @@ class Archive:
         variable, units, lat_deg, lon_deg, *bounds_m = json.loads(found[0][0])
         x_min, y_min, x_max, y_max = bounds_m
         return Subject(variable, units, LocalFrame(lat_deg, lon_deg), (x_min, y_min, x_max, y_max))
+
+    def _told_subject(self) -> Subject:
+        """What the readings are of, as was told without a model."""
+        if not self.surveys or next(self.readings(), None) is None:
+            raise ExportError(self._nothing)
+        if len({(each.variable, each.units, each.bounds_deg) for each in self.surveys}) > 1:
+            raise ExportError(
+                f"{self.vehicle} told of several surveys, and there is no model to say of which this is"
+            )
+        notice = self.surveys[-1]
+        south, west, north, east = notice.bounds_deg
+        frame = LocalFrame((south + north) / 2.0, (west + east) / 2.0)
+        x, y = np.transpose(frame.to_local([south, south, north, north], [west, east, west, east]))
+        bounds_m = (float(x.min()), float(y.min()), float(x.max()), float(y.max()))
+        return Subject(notice.variable, notice.units, frame, bounds_m)
+
+    def origin(self) -> Origin:
+        """Where all this comes from, as the newest model says, or the survey's notice if there is none."""
+        newest = next(self._last(), None)
+        if newest is None:
+            return Origin(self.surveys[-1].name if self.surveys else "", "", "")
+        one = newest.snapshot
+        return Origin(one.survey, one.software_version, one.configuration_hash)
 
     def most_components(self) -> int:
         """The most components that a model's kernel has."""
@@ -259,12 +287,17 @@ class Archive:
 
     def newest(self) -> DatedModel:
         """The last model. Raises ExportError if there is none."""
+        newest = next(self._last(), None)
+        if newest is None:
+            raise ExportError(self._nothing)
+        return newest
+
+    def _last(self) -> Iterator[DatedModel]:
         found = self._select(
             f"SELECT utc, payload FROM models WHERE {_WITHIN} ORDER BY utc DESC, id LIMIT 1", *self._ends
         )
         for utc_s, payload in found:
-            return _dated(utc_s, payload)
-        raise ExportError(self._nothing)
+            yield _dated(utc_s, payload)
 
     def plans(self) -> Iterator[DatedPlan]:
         """The plans in the order in which they were made."""

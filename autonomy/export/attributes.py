@@ -36,7 +36,7 @@ class About:
         vehicle: name of the vehicle.
         source: name of the recording or journal.
         survey: name of the survey, empty if it has none.
-        software_version: of the vehicle's software.
+        software_version: of the vehicle's software, empty if unknown.
         configuration_hash: of its configuration, empty if unknown.
         created: when the file is made.
         command: what makes it.
@@ -80,7 +80,7 @@ def global_attributes(
         "keywords": f"{variable}, uncrewed surface vehicle, {kind}",
         "id": f"{about.vehicle}_{kind}_{_compact(extent.start_s)}_{_compact(extent.end_s)}",
         "standard_name_vocabulary": VOCABULARY,
-        "source": f"uncrewed surface vehicle {about.vehicle}, halocline {about.software_version}",
+        "source": f"uncrewed surface vehicle {about.vehicle}, halocline {about.software_version}".rstrip(),
         "platform": about.vehicle,
         "history": f"{created} {about.command} (halocline {__version__}, from {about.source})",
         "date_created": created,

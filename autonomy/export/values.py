@@ -46,6 +46,15 @@ class Subject:
     bounds_m: tuple[float, float, float, float]
 
 
+@dataclass(frozen=True)
+class Origin:
+    """Name of the survey, version of the vehicle's software, hash of its configuration; empty for what is unknown."""
+
+    survey: str
+    software_version: str
+    configuration_hash: str
+
+
 @dataclass(frozen=True, eq=False)
 class DatedModel:
     """A model, and the moment that its map is of."""

@@ -7,6 +7,7 @@ import resource
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cbor2
 import numpy as np
@@ -251,6 +252,48 @@ def test_a_start_at_the_quay_does_not_keep_the_survey_back(tmp_path: Path, expor
     assert code == 65
     assert "--date-by-arrival" in said
     assert export(source, *words, "--force", "--date-by-arrival") == (0, "")
+
+
+def test_readings_are_exported_without_a_model(tmp_path: Path, export: Export) -> None:
+    """The boat was called back before it had learnt anything, or the models did not get through."""
+    told = Told(3)
+    readings = [
+        (
+            at,
+            replace(value, utc_s=UTC_S + value.model_time_s)
+            if getattr(value, "model_time_s", None)
+            else value,
+        )
+        for at, value in told.messages
+        if not isinstance(value, ModelSnapshot)
+    ]
+    source = record(tmp_path / "recording", readings)
+    assert export(source, "--csv", tmp_path / "a.csv", "--trajectory", tmp_path / "a.nc") == (0, "")
+    table = pd.read_csv(tmp_path / "a.csv", parse_dates=["time_utc"])
+    assert len(table) == len(told.readings)
+    assert "sea_water_practical_salinity [1]" in table.columns
+    assert table["time_utc"][0].timestamp() == pytest.approx(UTC_S + told.readings[0].model_time_s, abs=0.01)
+    with xr.open_dataset(tmp_path / "a.nc") as track:
+        assert track.sea_water_practical_salinity.attrs["standard_name"] == "sea_water_practical_salinity"
+        assert "off Point Conception" in track.attrs["title"]
+        assert track.sizes["obs"] == len(told.readings)
+    for kind in ("netcdf", "mcap"):
+        code, said = export(source, f"--{kind}", tmp_path / "b")
+        assert code == 65
+        assert "there is no model of boat1" in said
+    # A run without a model does not keep another back that has some.
+    before = [(at - 9000.0, _of_run(value, RUN + 1, -9000.0)) for at, value in readings]
+    source = record(tmp_path / "both", [*before, *told.messages])
+    assert export(source, "--csv", tmp_path / "c.csv", "--netcdf", tmp_path / "c.nc") == (0, "")
+    assert len(pd.read_csv(tmp_path / "c.csv")) == 2 * len(told.readings)
+
+
+def _of_run(value: Any, run: int, later_s: float) -> Any:
+    """The same, told in another run."""
+    if isinstance(value, SurveyNotice):
+        return value
+    dated = {"utc_s": value.utc_s + later_s} if getattr(value, "utc_s", None) else {}
+    return replace(value, run=run, **dated)
 
 
 def test_readings_from_before_utc_was_known_are_dated_by_what_came_later(
