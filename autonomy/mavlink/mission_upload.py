@@ -88,6 +88,7 @@ class MissionUpload:
         self._repeats = 0
         self._attempts = 0
         self._heard_at = 0.0
+        self._item_interval_s = ITEM_INTERVAL_S
         self._deadline: float | None = None
         self.state = Upload.IDLE
         self.reason = ""
@@ -96,6 +97,8 @@ class MissionUpload:
         self.no_space = False
         """Whether that is because it has too many items."""
         self._requested = False
+        self._counts = 0
+        self._refusals = 0
         self.contested = False
         """Whether somebody else was found uploading."""
         self.touched = False
@@ -188,10 +191,15 @@ class MissionUpload:
         return self._fail("the vehicle refuses the mission: " + _REASONS.get(result, f"result {result}"))
 
     def _back_off(self, now: float, result: int) -> list[Any]:
+        # A late refusal of one count doesn't say that the vehicle has not taken the next.
+        self._refusals += 1
+        self.touched = self._requested or self._counts > self._refusals
         if self.state is Upload.BUSY:
             return []
+        if self.state is Upload.SERVING:
+            # Some end an upload over an item that comes twice; over a slow link ours did, for want of patience.
+            self._item_interval_s = min(2.0 * self._item_interval_s, SILENCE_S)
         self.state = Upload.BUSY
-        self.touched = self._requested
         denied = result == mavlink.MAV_MISSION_DENIED
         self.contested = self.contested or denied
         self.reason = "another upload is running" if denied else "the vehicle reports an error"
@@ -200,6 +208,7 @@ class MissionUpload:
 
     def _announce(self, now: float) -> list[Any]:
         self._deadline = now + retry_interval(COUNT_INTERVAL_S, self._repeats, self._time_scale)
+        self._counts += 1
         route = self._route
         return [
             mavlink.MAVLink_mission_count_message(
@@ -215,7 +224,7 @@ class MissionUpload:
         return self.start(now)
 
     def _send_item(self, now: float, seq: int) -> list[Any]:
-        self._deadline = now + retry_interval(ITEM_INTERVAL_S, self._repeats, self._time_scale)
+        self._deadline = now + retry_interval(self._item_interval_s, self._repeats, self._time_scale)
         return [self._items[seq].to_message(self._route, seq)]
 
     def _finish(self) -> list[Any]:

@@ -170,6 +170,40 @@ class TestUpload:
         assert kinds(upload.on_deadline(2.2)) == ["MISSION_COUNT"]
         assert sequence_numbers(upload.handle(2.3, request(0))) == [0]
 
+    def test_one_refusal_does_not_answer_two_counts(self) -> None:
+        """The second may have been taken: then the mission is cut to its length already."""
+        upload = MissionUpload(ITEMS, ROUTE)
+        upload.start(0.0)
+        assert kinds(upload.on_deadline(1.5)) == ["MISSION_COUNT"]
+        upload.handle(1.6, ack(BUSY))
+        assert (upload.state, upload.touched) == (Upload.BUSY, True)
+        upload.handle(1.7, ack(BUSY))
+        assert (upload.state, upload.touched) == (Upload.BUSY, False)
+
+    @pytest.mark.parametrize("answers_after_s", [0.2, 0.6, 1.4])
+    def test_a_slow_link_to_an_autopilot_that_takes_no_item_twice(self, answers_after_s: float) -> None:
+        """It ends the upload over a doubled item, so ours must be the more patient timer in the end."""
+        items, upload, now = ITEMS * 3, MissionUpload(ITEMS * 3, ROUTE), 0.0
+        upload.start(now)
+        for _ in range(5):
+            upload.handle(now, request(0))
+            for seq in range(len(items)):
+                answered_at = now + answers_after_s
+                repeats = []
+                while (deadline := upload.next_deadline()) is not None and deadline < answered_at:
+                    repeats += upload.on_deadline(deadline)
+                now = answered_at
+                if repeats:
+                    upload.handle(now, ack(SEQUENCE))
+                    upload.handle(now, ack(ERROR))
+                    break
+                upload.handle(now, request(seq + 1) if seq + 1 < len(items) else ack(ACCEPTED))
+            if upload.state is Upload.SENT:
+                return
+            now = upload.next_deadline() or now
+            upload.on_deadline(now)
+        raise AssertionError(upload.state)
+
     def test_cancelled_by_the_vehicles_timeout_begins_again(self) -> None:
         upload = MissionUpload(ITEMS, ROUTE)
         upload.start(0.0)
