@@ -183,6 +183,8 @@ class Store:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
+        self.is_outdated = False
+        """Whether what was found there is of another version of the software, and nothing else has changed."""
         self._reserve = folder / "reserve"
         self._is_short = False
         self._lock = (folder / "lock").open("wb")
@@ -222,6 +224,7 @@ class Store:
                 why = f"what it depends on has changed: {', '.join(changed)}"
                 log.error("the checkpoint %s is not used: %s", path, why)
                 self._put_aside(name, "unfit")
+                self.is_outdated = self.is_outdated or changed == ["software"]
             else:
                 found.append(checkpoint)
         return sorted(found, key=lambda checkpoint: -checkpoint.number)

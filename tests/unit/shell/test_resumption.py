@@ -433,6 +433,20 @@ def test_after_an_update_that_reads_no_checkpoint_the_journal_teaches_it(
     assert "went on from the journal alone" not in caplog.text
 
 
+def test_after_an_update_that_means_something_else_by_checkpoints_the_journal_teaches_it(
+    run: Callable[..., Run], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = run()
+    first.hears(LinkDown("one"))
+    first.ends(keep=True)
+    for path in (tmp_path / "kept").glob("*.checkpoint"):
+        checkpoint = decode(path.read_bytes())
+        path.write_bytes(encode(replace(checkpoint, fits={**checkpoint.fits, "software": "schema 0"})))
+    assert run().lost == {"one"}
+    assert "what it depends on has changed: software" in caplog.text
+    assert "went on from the journal alone" in caplog.text
+
+
 def test_after_such_an_update_without_a_journal_it_begins_anew(
     run: Callable[..., Run], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
