@@ -57,6 +57,7 @@ export class Probe {
       const answer = await api.predict(this.state.vehicle, lat, lon, this.state.at(), this.#asking.signal);
       if (this.place?.lat !== lat || this.place.lon !== lon) return;
       if (answer.land) this.#show("land", "none");
+      else if (answer.outside) this.#show("outside the survey", "none");
       else if (Number.isFinite(answer.mean)) this.#show(estimate(answer.mean, answer.sd, answer.units), "predict", answer);
       this.#move();
       if (this.kind !== "hover") this.spoken.textContent = `${this.value.textContent} at ${this.where.textContent}`;

@@ -83,6 +83,13 @@ def predict(snapshot: ModelSnapshot, lat_deg: float, lon_deg: float) -> tuple[fl
     return float(prediction.mean[0]), math.sqrt(max(0.0, float(prediction.variance[0])))
 
 
+def is_outside(snapshot: ModelSnapshot, lat_deg: float, lon_deg: float) -> bool:
+    """Whether a position lies outside the survey's rectangle, where `evaluate` has no values either."""
+    ((x, y),) = frame_of(snapshot).to_local([lat_deg], [lon_deg]).tolist()
+    x_min, y_min, x_max, y_max = snapshot.bounds_m
+    return not (x_min <= x <= x_max and y_min <= y <= y_max)
+
+
 def evaluate(snapshot: ModelSnapshot, extent: Extent, land: BoolArray | None = None) -> FieldMap:
     """The map of a snapshot: NaN outside the survey's rectangle, and where `land` (rows, columns) is true."""
     lat, lon = extent.latitudes, extent.longitudes

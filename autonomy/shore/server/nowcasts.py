@@ -11,7 +11,7 @@ from autonomy.effects import Topic
 from autonomy.shore.server.atelier import Atelier
 from autonomy.shore.server.fleet import Fleet
 from autonomy.shore.server.land import Ring, inside
-from autonomy.shore.server.maps import Extent, FieldMap, evaluate, predict
+from autonomy.shore.server.maps import Extent, FieldMap, evaluate, is_outside, predict
 from autonomy.wire import ModelSnapshot, decode
 
 
@@ -30,11 +30,15 @@ class Found:
 
 @dataclass(frozen=True)
 class Value:
-    """The field at a place: mean and standard deviation in the variable's units; `land` if the place is none of it."""
+    """The field at a place: mean and standard deviation in the variable's units.
 
-    mean: float
-    sd: float
+    They are None where the map has none either: on `land`, and `outside` of the survey's rectangle.
+    """
+
+    mean: float | None
+    sd: float | None
     land: bool
+    outside: bool
 
 
 class Nowcasts:
@@ -92,5 +96,7 @@ def _model_bytes(snapshot: ModelSnapshot) -> int:
 
 
 def _value(snapshot: ModelSnapshot, rings: tuple[Ring, ...], lat_deg: float, lon_deg: float) -> Value:
-    land = inside(rings, np.array([lat_deg]), np.array([lon_deg]))
-    return Value(*predict(snapshot, lat_deg, lon_deg), land=bool(land[0, 0]))
+    land = bool(inside(rings, np.array([lat_deg]), np.array([lon_deg]))[0, 0])
+    outside = is_outside(snapshot, lat_deg, lon_deg)
+    mean, sd = (None, None) if land or outside else predict(snapshot, lat_deg, lon_deg)
+    return Value(mean, sd, land, outside)

@@ -226,8 +226,12 @@ def test_a_model_that_comes_while_its_clock_went_back_is_now(fleet, snapshots):
 
 def test_values_at_a_place(fleet, snapshots):
     path = "/api/vehicle/boat1/predict?lat=34.45&lon=-120.42"
-    (_, _, now), (_, _, then), (_, _, ashore) = answers(
-        fleet, path, f"{path}&at={UTC_S}", "/api/vehicle/boat1/predict?lat=34.4345&lon=-120.4415"
+    (_, _, now), (_, _, then), (_, _, ashore), (_, _, away) = answers(
+        fleet,
+        path,
+        f"{path}&at={UTC_S}",
+        "/api/vehicle/boat1/predict?lat=34.4345&lon=-120.4415",
+        "/api/vehicle/boat1/predict?lat=0&lon=0",
     )
     for body, (snapshot, _) in ((now, snapshots[1]), (then, snapshots[0])):
         value = json.loads(body)
@@ -236,8 +240,11 @@ def test_values_at_a_place(fleet, snapshots):
         assert value["mean"] == pytest.approx(prediction.mean[0], rel=1e-12)
         assert value["sd"] == pytest.approx(np.sqrt(prediction.variance[0]), rel=1e-9)
         assert value["units"] == "1"
-        assert value["land"] is False
-    assert json.loads(ashore)["land"] is True
+        assert (value["land"], value["outside"]) == (False, False)
+    # Where the map has no value there is none to be had singly.
+    names = ("mean", "sd", "land", "outside")
+    assert [json.loads(ashore)[name] for name in names] == [None, None, True, False]
+    assert [json.loads(away)[name] for name in names] == [None, None, False, True]
 
 
 @pytest.mark.parametrize(

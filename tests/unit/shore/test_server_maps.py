@@ -18,7 +18,7 @@ from autonomy.learning.spatial import Matern32, SquaredExponential
 from autonomy.learning.transform import Log
 from autonomy.shore.server import maps
 from autonomy.shore.server.land import inside
-from autonomy.shore.server.maps import Extent, bounds_deg, evaluate, predict
+from autonomy.shore.server.maps import Extent, bounds_deg, evaluate, is_outside, predict
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "process"))
 from shore_helpers import field, model_snapshot
@@ -148,6 +148,17 @@ def test_a_place_is_what_the_map_shows_there(smooth):
     mean, sd = predict(smooth, float(extent.latitudes[40]), float(extent.longitudes[60]))
     assert mean == pytest.approx(made.mean[40, 60], abs=1e-5)
     assert sd == pytest.approx(made.sd[40, 60], rel=1e-4)
+
+
+def test_outside_is_where_the_map_has_no_value(smooth):
+    south, west, north, east = bounds_deg(smooth)
+    lat_deg, lon_deg = (north - south) / 5.0, (east - west) / 5.0
+    extent = Extent(south - lat_deg, west - lon_deg, north + lat_deg, east + lon_deg, 14, 14)
+    outside = [[is_outside(smooth, lat, lon) for lon in extent.longitudes] for lat in extent.latitudes]
+    np.testing.assert_array_equal(outside, np.isnan(evaluate(smooth, extent).mean))
+    assert is_outside(smooth, 0.0, 0.0)
+    # On the other side of the earth.
+    assert is_outside(smooth, -smooth.origin_lat_deg, smooth.origin_lon_deg + 180.0)
 
 
 def ring_around(rng):
