@@ -8,6 +8,7 @@ from autonomy import wire
 from autonomy.effects import Topic
 from autonomy.observation_ring import ObservationRing
 from autonomy.shore.greeting import Greeting
+from autonomy.shore.lack import Lack
 from autonomy.shore.streams import Stream
 
 MAXIMUM_VEHICLES = 256
@@ -42,6 +43,7 @@ class Entry:
         observations: puts them together.
         lines: the same for the log.
         greeting: whether it is to be asked for its newest values.
+        lacks: of plan and survey, whether it is to be asked for them because they were lost.
         live_since: number of the last query when something came by itself, by topic.
         was_alive: whether its token was ever seen.
     """
@@ -51,6 +53,7 @@ class Entry:
     observations: Stream[wire.ObservationBatch]
     lines: Stream[wire.LogBatch]
     greeting: Greeting = field(default_factory=Greeting)
+    lacks: dict[Topic, Lack] = field(default_factory=lambda: {Topic.PLAN: Lack(), Topic.SURVEY: Lack()})
     live_since: dict[Topic, int] = field(default_factory=dict)
     was_alive: bool = False
 

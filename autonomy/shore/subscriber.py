@@ -12,6 +12,7 @@ from autonomy.effects import Topic
 from autonomy.endpoints import Certificates
 from autonomy.observation_ring import notices
 from autonomy.shore.inbox import Arrival, Inbox
+from autonomy.shore.lack import lacking
 from autonomy.shore.roster import MAXIMUM_VEHICLES, Entry, Roster, VehicleView
 from autonomy.shore.session import ROLL_CALL_S, ShoreSession
 from autonomy.shore.streams import Stream
@@ -84,6 +85,7 @@ class Subscriber:
         history: observations wanted of those that a vehicle told before we came; None: all that it keeps.
         log_history: the same of lines of its log.
         certificates: for addresses that begin with tls/ or quic/.
+        clock_s: monotonic clock by which vehicles are asked.
 
     Raises:
         ValueError: a name or an endpoint isn't one, or not exactly one of connect and listen is given.
@@ -101,6 +103,7 @@ class Subscriber:
         history: int | None = 20_000,
         log_history: int | None = 200,
         certificates: Certificates | None = None,
+        clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         if vehicle != "*" and not wire.VEHICLE_NAME.fullmatch(vehicle):
             raise ValueError(f"not a vehicle: {vehicle!r}: must be * or match {wire.VEHICLE_NAME.pattern}")
@@ -108,6 +111,7 @@ class Subscriber:
             raise ValueError("either connect to a router or listen as one")
         self._on_update = on_update
         self._on_arrival = on_arrival
+        self._clock_s = clock_s
         self._inbox = Inbox(_QUEUE_LIMIT, _QUEUE_BYTES)
         self._session = ShoreSession(vehicle, connect, listen, certificates, self._inbox, self._count)
         self._roster = Roster(track_limit, history, log_history)
@@ -207,7 +211,7 @@ class Subscriber:
         with self._session.following(self._stopping):
             self._following.set()
             # Whose token stands already is told us anyhow.
-            self._called_s = time.monotonic()
+            self._called_s = self._clock_s()
             while not self._stopping.is_set():
                 arrival = self._inbox.take(timeout_s=0.1)
                 if arrival is not None:
@@ -260,7 +264,7 @@ class Subscriber:
 
     def _sweep(self) -> None:
         """Look now and then whether a vehicle is to be asked for anything."""
-        now = time.monotonic()
+        now = self._clock_s()
         if now >= self._swept_s + _SWEEP_S:
             self._swept_s = now
             for entry in self._roster:
@@ -276,9 +280,13 @@ class Subscriber:
         """
         if entry.was_alive and not entry.view.alive:
             return
-        now, vehicle = time.monotonic(), entry.view.vehicle
+        now, view = self._clock_s(), entry.view
+        vehicle = view.vehicle
         if entry.greeting.question(now):
             self._session.ask(f"usv/{vehicle}/{_EVERYTHING}")
+        for topic, lacks in lacking(view.health, view.plan, view.survey).items():
+            if entry.lacks[topic].question(now, lacks):
+                self._session.ask(wire.key(vehicle, topic))
         streams: tuple[tuple[Topic, Stream[Any]], ...]
         streams = ((Topic.OBSERVATIONS, entry.observations), (Topic.LOG, entry.lines))
         for topic, stream in streams:
@@ -297,6 +305,8 @@ class Subscriber:
             return
         if last == _EVERYTHING:
             entry.greeting.closed()
+        elif arrival.piece is None and _TOPICS.get(last) in entry.lacks:
+            entry.lacks[_TOPICS[last]].closed()
         elif arrival.piece is not None and last == Topic.OBSERVATIONS.value:
             self._give_observations(entry, entry.observations.closed(arrival.piece), arrival, None)
         elif arrival.piece is not None and last == Topic.LOG.value:
