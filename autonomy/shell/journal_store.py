@@ -319,9 +319,10 @@ class Store:
 
     def _put_on_disk(self, current: _Open) -> None:
         os.fsync(current.records)
+        self._unsynced_records = 0
         os.fsync(current.stream)
+        self._unsynced_packets = 0
         self._dirty = False
-        self._unsynced_records = self._unsynced_packets = 0
 
     def _lose_unsynced(self) -> None:
         """What was written since the last sync is on no disk, as far as anybody can tell."""
