@@ -44,6 +44,7 @@ class Entry:
         lines: the same for the log.
         greeting: whether it is to be asked for its newest values.
         lacks: of plan and survey, whether it is to be asked for them because they were lost.
+        payloads: what the newest of each topic that is not in order looked like, in 16 bytes.
         live_since: number of the last query when something came by itself, by topic.
         was_alive: whether its token was ever seen.
     """
@@ -54,6 +55,7 @@ class Entry:
     lines: Stream[wire.LogBatch]
     greeting: Greeting = field(default_factory=Greeting)
     lacks: dict[Topic, Lack] = field(default_factory=lambda: {Topic.PLAN: Lack(), Topic.SURVEY: Lack()})
+    payloads: dict[Topic, bytes] = field(default_factory=dict)
     live_since: dict[Topic, int] = field(default_factory=dict)
     was_alive: bool = False
 

@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from hashlib import blake2b
 from typing import Any
 
 from autonomy import wire
@@ -80,7 +81,7 @@ class Subscriber:
         on_update: called with every update in the subscriber's thread, after the latest values have changed. What it
             raises ends the following, and is `failed`; so with `on_arrival`.
         on_arrival: called with every message as it came, in the same thread and before `on_update`: models, plans,
-            health and the like when they are new, observations and lines in order and none twice.
+            health and the like when they are new or come by themselves, observations and lines in order and none twice.
         track_limit: observations kept per vehicle.
         history: observations wanted of those that a vehicle told before we came; None: all that it keeps.
         log_history: the same of lines of its log.
@@ -327,6 +328,10 @@ class Subscriber:
             case wire.LogBatch():
                 self._give_lines(entry, entry.lines.take(value, asked=asked), arrival, value)
                 return
+        looks = blake2b(arrival.payload, digest_size=16).digest()
+        if arrival.query is not None and entry.payloads.get(topic) == looks:
+            # Asked for after every break, and perhaps no news.
+            return
         with self._changed:
             match value:
                 case wire.ModelSnapshot():
@@ -344,6 +349,7 @@ class Subscriber:
                     entry.view = replace(entry.view, survey=value)
                 case wire.StatusDigest():
                     entry.view = replace(entry.view, status=value)
+        entry.payloads[topic] = looks
         self._pass_on(arrival)
         self._tell(Update(entry.view.vehicle, value))
 
