@@ -14,6 +14,7 @@ from autonomy.endpoints import Certificates
 from autonomy.observation_ring import notices
 from autonomy.shore.inbox import Arrival, Inbox
 from autonomy.shore.lack import lacking
+from autonomy.shore.newness import is_older, same_model
 from autonomy.shore.roster import MAXIMUM_VEHICLES, Entry, Roster, VehicleView
 from autonomy.shore.session import ROLL_CALL_S, ShoreSession
 from autonomy.shore.streams import Stream
@@ -332,10 +333,13 @@ class Subscriber:
         if arrival.query is not None and entry.payloads.get(topic) == looks:
             # Asked for after every break, and perhaps no news.
             return
+        if arrival.query is not None and is_older(entry.view, value):
+            # A storage on the way may answer with what it had when it lost sight of the vehicle.
+            return
         with self._changed:
             match value:
                 case wire.ModelSnapshot():
-                    if _same(entry.view.model, value):
+                    if same_model(entry.view.model, value):
                         return
                     self._roster.keep_model(entry, value, time.monotonic())
                 case wire.PlanNotice():
@@ -403,7 +407,3 @@ def _as_arrived(arrival: Arrival, batch: wire.ObservationBatch | wire.LogBatch) 
     topic = Topic.OBSERVATIONS if isinstance(batch, wire.ObservationBatch) else Topic.LOG
     encoding = f"application/cbor;{wire.schema(topic)}"
     return replace(arrival, encoding=encoding, payload=wire.encode(batch))
-
-
-def _same(held: wire.ModelSnapshot | None, came: wire.ModelSnapshot) -> bool:
-    return held is not None and (held.sequence, held.model_time_s) == (came.sequence, came.model_time_s)

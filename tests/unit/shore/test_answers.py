@@ -12,7 +12,7 @@ from autonomy.shore.subscriber import Subscriber, Update
 from autonomy.wire import Message, StatusDigest, encode
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "process"))
-from shore_helpers import health_notice, plan_notice, survey_notice
+from shore_helpers import health_notice, learnt_model, model_snapshot, plan_notice, survey_notice
 
 
 class Shore:
@@ -61,3 +61,41 @@ def test_an_answer_that_is_news_is_passed_on(monkeypatch: pytest.MonkeyPatch) ->
         shore.hears(Topic.HEALTH, health, asked=True)
     assert shore.arrived == [encode(health) for health in told]
     assert shore.subscriber.latest("boat1").health == told[-1]
+
+
+_HEALTH = replace(health_notice(), run=7, observations_end=50, log_end=5, model_time_s=900.0)
+
+
+@pytest.mark.parametrize(
+    ("topic", "newer", "older"),
+    [
+        (Topic.PLAN, replace(plan_notice(4), run=7), replace(plan_notice(3), run=7)),
+        (Topic.HEALTH, _HEALTH, replace(_HEALTH, observations_end=49, model_time_s=901.0)),
+        (Topic.HEALTH, _HEALTH, replace(_HEALTH, log_end=4)),
+        (Topic.HEALTH, _HEALTH, replace(_HEALTH, model_time_s=899.0)),
+    ],
+)
+def test_an_older_answer_of_the_same_run_undoes_nothing(
+    topic: Topic, newer: Message, older: Message, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shore = Shore(monkeypatch)
+    shore.hears(topic, newer, asked=True)
+    shore.hears(topic, older, asked=True)
+    assert shore.arrived == [encode(newer)]
+    assert getattr(shore.subscriber.latest("boat1"), topic.value) == newer
+    # A new run has numbers and a clock of its own, and what is told live is so.
+    other = replace(older, run=8)
+    shore.hears(topic, other, asked=True)
+    shore.hears(topic, replace(older, run=8))
+    assert getattr(shore.subscriber.latest("boat1"), topic.value) == other
+
+
+def test_an_older_model_of_the_same_run_undoes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, _ = learnt_model()
+    shore = Shore(monkeypatch)
+    for sequence, run in ((2, 7), (1, 7), (2, 7), (0, 8)):
+        shore.hears(Topic.MODEL, replace(model_snapshot(model, sequence), run=run), asked=True)
+    assert len(shore.arrived) == 2
+    held = shore.subscriber.latest("boat1").model
+    assert held is not None
+    assert (held.run, held.sequence) == (8, 0)
