@@ -122,7 +122,10 @@ class AuthorityMachine(RuleBasedStateMachine):
 
     @rule()
     def started_by_the_operator(self) -> None:
-        self.hear(mode=AUTO, armed=True, system_status=ACTIVE)
+        self.on_board = OnBoard.OURS
+        self.authority.mission_read(OnBoard.OURS)
+        sound = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        self.hear(mode=AUTO, armed=True, system_status=ACTIVE, autopilot=sound)
 
     @rule(status=st.sampled_from([ACTIVE, ACTIVE, CRITICAL, EMERGENCY]))
     def status(self, status: int) -> None:

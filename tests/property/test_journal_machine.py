@@ -64,6 +64,8 @@ class Disk:
         """Files that a sync failed for: what came after the last good one is never written, whatever is said later."""
         self.given_up: set[Place] = set()
         """Sound records in files that the store has removed."""
+        self.uncut: set[Place] = set()
+        """Sound records of a batch that failed as a whole, but could not be cut off again: they count as lost."""
         self._sync, self._truncate, self._unlink = os.fsync, os.ftruncate, Path.unlink
         patch.setattr(os, "fsync", self.fsync)
         patch.setattr(os, "ftruncate", self.ftruncate)
@@ -100,6 +102,9 @@ class Disk:
 
     def ftruncate(self, descriptor: int, length: int) -> None:
         if self.truncate_fails:
+            path = Path(os.readlink(f"/proc/self/fd/{descriptor}"))
+            if path.suffix == ".journal":
+                self.uncut |= {place for place, _, end in frames(path) if end > length}
             raise failure(errno.EIO)
         self._truncate(descriptor, length)
 
@@ -107,7 +112,7 @@ class Disk:
         if path.parent == self.folder and path.suffix == ".journal" and path.exists():
             # What a failed sync left in doubt was counted as lost before.
             sure = self.synced.get(path, 0) if path in self.forgotten else PLENTY
-            self.given_up |= {place for place, _, end in frames(path) if end <= sure}
+            self.given_up |= {place for place, _, end in frames(path) if end <= sure} - self.uncut
         self._unlink(path, missing_ok=missing_ok)
 
     def files(self) -> list[Path]:
@@ -175,7 +180,7 @@ class JournalMachine(RuleBasedStateMachine):
         )
         self.next = 1
         self.counted_though_there = set()
-        self.disk.given_up = set()
+        self.disk.given_up, self.disk.uncut = set(), set()
         assert self.store.run not in self.runs
         assert self.store.run > max(self.runs, default=0)
 
@@ -209,6 +214,7 @@ class JournalMachine(RuleBasedStateMachine):
                 safe = self.disk.synced.get(path, 0)
                 doubtful = {place for place, _, end in frames(path) if end > safe}
                 self.counted_though_there |= {place for place in doubtful if place[0] == self.store.run}
+        self.counted_though_there |= self.disk.uncut
         self.read()
         said = self.store.synced
         there = {place for place in self.found if place[0] == said.run and place[1] <= said.sequence}

@@ -49,6 +49,7 @@ class MissionMachine(RuleBasedStateMachine):
         self.begun_at = 0.0
         self.we_wrote = self.others_wrote_since_read = False
         self.reboot()
+        self.another_station_uploads_at_once(4)
 
     # The vehicle -------------------------------------------------------------------------------------------------
 
@@ -107,6 +108,12 @@ class MissionMachine(RuleBasedStateMachine):
         for _ in range(count):
             if self.station_up:
                 self.hear(self.station_up.pop(0), STATION)
+
+    @precondition(lambda self: not self.station_up)
+    @rule(length=st.integers(1, 4))
+    def another_station_uploads_at_once(self, length: int) -> None:
+        self.another_station_uploads(length)
+        self.station_goes_on(8)
 
     @precondition(lambda self: self.station_up)
     @rule()
