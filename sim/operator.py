@@ -14,6 +14,7 @@ from autonomy.shell.transport import Transport
 
 _GROUND_STATION_ID = 255
 _TURN_S = 0.5
+_PATIENCE_TURNS = 10
 
 
 class Operator:
@@ -26,6 +27,9 @@ class Operator:
         self._telemetry = Telemetry("none")
         self._transport: Transport | None = None
         self.track_deg: list[tuple[float, float]] = []
+        self._told_whole = False
+        self._waypoints: int | None = None
+        self._turns = 0
         self.started = False
         """Whether the boat has been in AUTO, armed."""
 
@@ -54,6 +58,8 @@ class Operator:
         now = asyncio.get_running_loop().time()
         for message in self._codec.decode(data, peer):
             self._telemetry.handle(now, message)
+            if message.get_type() == "STATUSTEXT" and message.text.startswith("Mission: "):
+                self._told_whole = True
             state = self.state
             if (
                 message.get_type() == "GLOBAL_POSITION_INT"
@@ -65,7 +71,7 @@ class Operator:
 
     def _start_survey(self) -> None:
         state = self.state
-        if state is None or not state.mission_total:
+        if state is None or not self._is_whole(state):
             return
         if state.armed and state.mode == AUTO:
             self.started = True
@@ -73,6 +79,16 @@ class Operator:
             self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         else:
             self._command(mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, AUTO)
+
+    def _is_whole(self, state: VehicleState) -> bool:
+        """Whether a mission is on board, and not one that is still coming in.
+
+        The autopilot says so at an upload's end; who came after that sees that it does not grow any more.
+        """
+        if state.mission_total != self._waypoints:
+            self._waypoints, self._turns = state.mission_total, 0
+        self._turns += 1
+        return bool(self._waypoints) and (self._told_whole or self._turns > _PATIENCE_TURNS)
 
     def _command(self, command: int, *parameters: float) -> None:
         assert self.state is not None
