@@ -1,6 +1,6 @@
 """Operator, vehicle and other stations in any order: what may be done is held against a few plain sentences.
 
-The sentences know nothing of the authority's table. HALOCLINE_EXAMPLES: how many sequences; without it 60.
+The sentences know nothing of the authority's table. HALOCLINE_EXAMPLES: how many sequences; without it 300.
 """
 
 import os
@@ -306,7 +306,7 @@ class AuthorityMachine(RuleBasedStateMachine):
 
 TestAuthority = AuthorityMachine.TestCase
 TestAuthority.settings = settings(
-    max_examples=int(os.environ.get("HALOCLINE_EXAMPLES", "60")),
+    max_examples=int(os.environ.get("HALOCLINE_EXAMPLES", "300")),
     stateful_step_count=40,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],

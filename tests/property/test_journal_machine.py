@@ -1,7 +1,7 @@
 """A journal on a disk that fails in every way, with kills and power cuts: what was said to be safe is safe.
 
 The model is a list of what was handed in, and what the disk was made to forget. HALOCLINE_EXAMPLES: how many
-sequences; without it 40.
+sequences; without it 120.
 """
 
 import errno
@@ -362,7 +362,7 @@ class JournalMachine(RuleBasedStateMachine):
 
 TestJournal = JournalMachine.TestCase
 TestJournal.settings = settings(
-    max_examples=int(os.environ.get("HALOCLINE_EXAMPLES", "40")),
+    max_examples=int(os.environ.get("HALOCLINE_EXAMPLES", "120")),
     stateful_step_count=30,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],

@@ -1,7 +1,7 @@
 """A mission on its way to a vehicle, packet by packet: lost, doubled, overtaken, damaged, while others upload too.
 
 Rules decide what becomes of each packet and when time passes. HALOCLINE_EXAMPLES: how many sequences; without
-it 40.
+it 200.
 """
 
 import os
@@ -279,7 +279,7 @@ class MissionMachine(RuleBasedStateMachine):
 
 TestMission = MissionMachine.TestCase
 TestMission.settings = settings(
-    max_examples=int(os.environ.get("HALOCLINE_EXAMPLES", "40")),
+    max_examples=int(os.environ.get("HALOCLINE_EXAMPLES", "200")),
     stateful_step_count=50,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
