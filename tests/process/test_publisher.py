@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import cbor2
@@ -56,6 +57,7 @@ def test_everything_arrives_under_its_key_with_its_schema():
             sample = listener.wait(f"usv/boat1/{topic.value}")
             heard[topic] = wire.decode(topic, sample.payload)
             assert sample.encoding == f"application/cbor;halocline/{topic.value}/{wire.VERSION}"
+        values[Topic.PLAN] = replace(plan_notice(), run=heard[Topic.LOG].run)
         assert {topic: heard[topic] for topic in values} == values
         assert heard[Topic.OBSERVATIONS].items == told[Topic.OBSERVATIONS]
         assert heard[Topic.LOG].items == (told[Topic.LOG],)
