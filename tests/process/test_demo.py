@@ -84,7 +84,7 @@ def write_roms(path: Path) -> Path:
 def test_a_large_roms_file_is_shrunk_and_learnt(tmp_path: Path) -> None:
     field = write_roms(tmp_path / "ocean_his.nc")
     with Processes() as processes:
-        running = demo(processes, tmp_path, "--field", str(field), "--variable", "salt", "--seconds", "5")
+        running = demo(processes, tmp_path, "--field", str(field), "--variable", "salt", "--seconds", "10")
         assert running.wait(150.0) == 0, running.said
         assert running.family() == []
     outcome = summary(running)
