@@ -131,7 +131,9 @@ class _Reader:
                 f"{self._path}:{error.lineno}:{error.offset + 1}: is not well-formed KML: "
                 f"{expat.ErrorString(error.code)}"
             ) from error
-        except (LookupError, UnicodeError) as error:
+        except SurveyError:
+            raise
+        except (LookupError, ValueError) as error:  # no such encoding, or one that the parser can't work with
             raise SurveyError(
                 f"{self._path}: is in an unknown encoding: {shown(error)}; UTF-8 is needed"
             ) from error

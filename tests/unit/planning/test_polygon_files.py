@@ -286,6 +286,7 @@ class TestKml:
             (f"<kml>{POLYGON.replace(' 1,1', '')}</kml>", "at least four"),
             (f"<kml>{POLYGON.replace('0,0 1,0 1,1', '0,0 1,1 1,0 0,1')}</kml>", "cross"),
             ('<?xml version="1.0" encoding="klingon"?><kml/>', "unknown encoding"),
+            ('<?xml version="1.0" encoding="UTF-7"?><kml/>', "unknown encoding"),
         ],
     )
     def test_mistakes_are_named(self, write, text, message):
