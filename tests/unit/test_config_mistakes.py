@@ -147,7 +147,9 @@ BROKEN = {
         "each key once",
     ),
     "section given twice": Broken(AREA + "survey: {}\n", "3:1", "survey", "given twice (first in line 1)"),
-    "missing section": Broken("seed: 1\n", "1:1", "survey", "is missing", "a mapping with the keys name, area"),
+    "missing section": Broken(
+        "seed: 1\n", "1:1", "survey", "is missing", "a mapping with the keys name, area"
+    ),
     "missing key": Broken("seed: 1\nsurvey:\n", "2:1", "survey.area", "is missing", "at least 3"),
     "half of the hyperparameters": Broken(
         AREA + "model:\n  hyperparameters:\n    signal_variance: 1\n    noise_variance: 1\n",
