@@ -30,8 +30,8 @@ from autonomy.wire import LogNotice, decode, split_key
 
 _FAREWELL_S = 2.0
 _LOOK_S = 0.5
-# What is recorded is to be whole; the page alone does with the last hours.
-_WHOLE: dict[str, None] = {"history": None, "log_history": None}
+# The page alone does with the last hours; what is recorded is to be whole.
+_PAGE_READINGS, _PAGE_LINES = 20_000, 200
 _NUMBERED = (Topic.OBSERVATIONS.value, Topic.LOG.value)
 
 
@@ -109,7 +109,8 @@ async def serve(settings: Settings) -> None:
             on_update=inlet.updated,
             on_arrival=inlet.arrived,
             track_limit=1,
-            **({} if recorder is None else _WHOLE),
+            history=_PAGE_READINGS if recorder is None else None,
+            log_history=_PAGE_LINES if recorder is None else None,
             certificates=settings.certificates,
         )
         nowcasts = Nowcasts(fleet, atelier)
