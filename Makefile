@@ -42,7 +42,7 @@ demo: $(READY)
 	$(BIN)/sim demo
 
 test: $(READY)
-	$(BIN)/python -m pytest -n 3 --ignore=tests/benchmarks
+	$(BIN)/python -m pytest -n 3 --dist worksteal --ignore=tests/benchmarks
 
 # The short forms of these are part of the suite; the figures of real fields need HALOCLINE_DATA (see tests/conftest.py).
 ACCURACY := $(BIN)/python -m pytest -q -s --timeout=14400
