@@ -19,6 +19,7 @@ import yaml
 
 from autonomy.commands.replay import EXIT_DATA, EXIT_NO_INPUT, find_run
 from autonomy.commands.run import EXIT_SOFTWARE
+from autonomy.option_types import above_zero
 from autonomy.shell.journal_files import JournalError
 from autonomy.shore.recording import RecordingError, is_recording
 from autonomy.wire import VEHICLE_NAME
@@ -67,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--resolution",
-        type=_metres,
+        type=above_zero("metres"),
         metavar="M",
         help="side of a map's cell, in metres (the area's longer side over 200)",
     )
@@ -335,16 +336,6 @@ def _period(text: str) -> float:
     if match is None:
         raise argparse.ArgumentTypeError(f"must be a time such as 30s, 10min, 1h or 1d (got {text!r})")
     return float(match[1]) * _UNITS_S[match[2] or ""]
-
-
-def _metres(text: str) -> float:
-    try:
-        metres = float(text)
-    except ValueError:
-        metres = math.nan
-    if not 0.0 < metres < math.inf:
-        raise argparse.ArgumentTypeError(f"must be metres above 0 (got {text!r})")
-    return metres
 
 
 def _depth(text: str) -> float:

@@ -15,6 +15,7 @@ from autonomy.commands.configuration import add_override_argument, doubts, load_
 from autonomy.commands.places import place
 from autonomy.config import Configuration, ConfigurationError
 from autonomy.geometry import FloatArray
+from autonomy.option_types import above_zero
 from autonomy.planning.survey import SurveyArea
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--budget-km",
-        type=_kilometres,
+        type=above_zero("kilometres"),
         metavar="KM",
         help="how far it may sail, the way home and the reserve included, for budget.distance_m",
     )
@@ -257,13 +258,3 @@ def _hours(seconds: float) -> str:
 def _failed(why: str, code: int) -> int:
     sys.stderr.write(f"autonomy plan: {why}\n")
     return code
-
-
-def _kilometres(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"must be kilometres above 0 (got {text!r})")
-    return value

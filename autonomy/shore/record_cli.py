@@ -1,16 +1,15 @@
 """`autonomy shore record`: keep all that vehicles send, exactly as it arrives, for exports and the page's past."""
 
 import argparse
-import math
 import sys
 import time
 from pathlib import Path
 
+from autonomy.option_types import above_zero, vehicle_or_all
 from autonomy.shore import way
 from autonomy.shore.recording import Limits, Recorder, RecorderStatus
 from autonomy.shore.stopping import stop_on_signals
 from autonomy.shore.subscriber import Counters, Subscriber
-from autonomy.wire import VEHICLE_NAME
 
 EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 _LOOK_S = 0.5
@@ -24,19 +23,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "folder", type=Path, metavar="FOLDER", help="made if need be; what it holds is added to"
     )
     parser.add_argument(
-        "--vehicle", default="*", type=_vehicle, metavar="V", help="whose; * for all (default)"
+        "--vehicle", default="*", type=vehicle_or_all, metavar="V", help="whose; * for all (default)"
     )
     way.add_arguments(parser)
     parser.add_argument(
         "--file-mb",
-        type=_positive,
+        type=above_zero("megabytes"),
         default=defaults.file_bytes / 1e6,
         metavar="MB",
         help=f"size at which a new file is begun ({defaults.file_bytes / 1e6:g})",
     )
     parser.add_argument(
         "--total-mb",
-        type=_positive,
+        type=above_zero("megabytes"),
         default=defaults.total_bytes / 1e6,
         metavar="MB",
         help=f"size of all files together above which the oldest are removed ({defaults.total_bytes / 1e6:g})",
@@ -124,19 +123,3 @@ def _say(text: str) -> None:
 def _complain(code: int, text: str) -> int:
     _say(f"autonomy shore record: {text}")
     return code
-
-
-def _vehicle(text: str) -> str:
-    if text != "*" and not VEHICLE_NAME.fullmatch(text):
-        raise argparse.ArgumentTypeError(f"must be * or match {VEHICLE_NAME.pattern} (got {text!r})")
-    return text
-
-
-def _positive(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0.0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"must be megabytes above 0 (got {text!r})")
-    return number

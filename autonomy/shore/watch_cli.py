@@ -19,12 +19,13 @@ from typing import Any
 from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.description import describe
 from autonomy.learning.kernel import Component
+from autonomy.option_types import above_zero, vehicle_or_all
 from autonomy.shore import way
 from autonomy.shore.saving import model_bytes, replace_file
 from autonomy.shore.stopping import stop_on_signals
 from autonomy.shore.subscriber import Presence, Subscriber, Update, VehicleView
 from autonomy.shore.words import agreement, belief
-from autonomy.wire import VEHICLE_NAME, LogNotice, ModelSnapshot
+from autonomy.wire import LogNotice, ModelSnapshot
 
 EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 _PICTURE_PERIOD_S = 1.0
@@ -35,7 +36,7 @@ _UPDATES_LIMIT = 1000
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument(
-        "vehicle", nargs="?", default="*", type=_vehicle, help="its name; * for all (default)"
+        "vehicle", nargs="?", default="*", type=vehicle_or_all, help="its name; * for all (default)"
     )
     way.add_arguments(parser)
     parser.add_argument("--png", type=Path, metavar="FILE", help="keep the latest map in this picture")
@@ -49,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--count", type=_positive_count, metavar="N", help="end after N snapshots")
     parser.add_argument(
         "--timeout",
-        type=_positive_seconds,
+        type=above_zero("seconds"),
         metavar="S",
         help="end after S seconds; fails if too few came",
     )
@@ -266,23 +267,7 @@ def _complain(code: int, text: str) -> int:
     return code
 
 
-def _vehicle(text: str) -> str:
-    if text != "*" and not VEHICLE_NAME.fullmatch(text):
-        raise argparse.ArgumentTypeError(f"must be * or match {VEHICLE_NAME.pattern} (got {text!r})")
-    return text
-
-
 def _positive_count(text: str) -> int:
     if not text.isdecimal() or int(text) == 0:
         raise argparse.ArgumentTypeError(f"must be a whole number above 0 (got {text!r})")
     return int(text)
-
-
-def _positive_seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not 0.0 < seconds < math.inf:
-        raise argparse.ArgumentTypeError(f"must be seconds above 0 (got {text!r})")
-    return seconds
