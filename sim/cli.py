@@ -11,6 +11,7 @@ _VERBS = {
         "sim.demo_cli", "vessel, service and shore as three processes; a map is learned in two minutes"
     ),
     "mask": Verb("sim.mask_cli", "make the land polygons of a field as GeoJSON"),
+    "experiment": Verb("sim.experiment.cli", "the paper's figures, and comparisons with other strategies"),
 }
 
 

@@ -1,0 +1,35 @@
+"""`sim experiment VERB`: each verb's module has `add_arguments` and `run`, as those of `sim` itself have."""
+
+import argparse
+import importlib
+import importlib.util
+
+from autonomy.verbs import Verb
+
+_VERBS = {
+    "paper": Verb("sim.experiment.paper_cli", "the paper's figures on a field of your choice"),
+    "compare": Verb(
+        "sim.experiment.compare_cli", "side by side with lawnmowers and other ways to choose samples"
+    ),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verbs and their arguments.
+
+    Their modules are all imported for it, whichever is used: what is heavy they import in `run`.
+    """
+    verbs = parser.add_subparsers(dest="experiment_verb", required=True, metavar="VERB")
+    for name, verb in _VERBS.items():
+        if importlib.util.find_spec(verb.module) is None:
+            continue
+        module = importlib.import_module(verb.module)
+        verb_parser = verbs.add_parser(name, help=verb.summary, description=verb.summary)
+        module.add_arguments(verb_parser)
+        verb_parser.set_defaults(run_experiment=module.run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the experiment; its exit code."""
+    code: int = arguments.run_experiment(arguments)
+    return code
