@@ -3,8 +3,10 @@
 import argparse
 import importlib
 import importlib.util
+import sys
 
 from autonomy.verbs import Verb
+from sim.experiment.cells import SweepError
 
 _VERBS = {
     "paper": Verb("sim.experiment.paper_cli", "the paper's figures on a field of your choice"),
@@ -30,6 +32,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the experiment; its exit code."""
-    code: int = arguments.run_experiment(arguments)
+    """Run the experiment.
+
+    Exit codes: the verb's own; 1 if cells of a sweep have failed, 130 after Ctrl-C. What is finished is kept.
+    """
+    try:
+        code: int = arguments.run_experiment(arguments)
+    except SweepError as error:
+        print(f"sim experiment {arguments.experiment_verb}: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(
+            f"sim experiment {arguments.experiment_verb}: stopped; finished cells are kept", file=sys.stderr
+        )
+        return 130
     return code
