@@ -10,7 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.authority import Authority, OnBoard, Permission
+from autonomy.mavlink.authority import AUTO, Authority, OnBoard, Permission
 from autonomy.mavlink.mission import (
     Failed,
     MissionDownload,
@@ -94,6 +94,8 @@ class MissionDispatch:
         self.milestones = 0
         """How often a plan was given to bring on board, or verified to be there: worth remembering at once."""
         self._restart = False
+        self._known = OnBoard.UNREAD
+        self._started_early = False
         self.made_current = 0
         """How often a mission of ours was made the one that is sailed, from its first waypoint on."""
 
@@ -187,6 +189,7 @@ class MissionDispatch:
         if not self._authority.may_transfer:
             return self._withdraw()
         if self._machine is not None:
+            self._started_early |= self._is_started_early(vehicle)
             deadline = self._machine.next_deadline()
             sent = self._machine.on_deadline(now) if deadline is not None and deadline <= now else []
             self._conclude(now)
@@ -230,10 +233,20 @@ class MissionDispatch:
             autopilot=vehicle.autopilot,
             make_current=self._authority.in_command,
             on_board=on_board,
+            replaces=(self._on_board or (), *self._interrupted),
             mission_state=mavlink.MISSION_STATE_COMPLETE if self._restart else vehicle.mission_state,
             time_scale=time_scale,
         )
+        self._known, self._started_early = self._authority.on_board, False
+        if not on_board:
+            self._authority.upload_begun()
         return self._machine.start(now)
+
+    def _is_started_early(self, vehicle: VehicleState) -> bool:
+        """Whether the operator has started a mission that was not yet on board: its rest follows, its start is past."""
+        machine = self._machine
+        sailing = vehicle.armed and vehicle.mode == AUTO
+        return isinstance(machine, MissionTransfer) and not machine.makes_current and sailing
 
     def _withdraw(self) -> list[Any]:
         """Somebody else has the boat: drop the waiting plan, end what is running; returns messages to send."""
@@ -269,13 +282,15 @@ class MissionDispatch:
                 self._pause(now, self._unread_failures)
         elif machine is not None and machine.outcome is not None:
             assert self._sending is not None
+            sent, self._machine, self._sending = self._sending, None, None
             if isinstance(machine.outcome, Failed):
-                self._failed(now, self._sending, machine.outcome)
-            else:
-                self._failures, self._read_s = 0, now
-                self._verified(self._sending)
-                self.made_current += machine.makes_current
-            self._machine, self._sending = None, None
+                self._failed(now, sent, machine.outcome)
+                return
+            self._failures, self._read_s = 0, now
+            self._verified(sent)
+            self.made_current += machine.makes_current
+            if self._started_early:
+                self.make_current_again()
 
     def _verified(self, sent: Dispatched) -> None:
         self.active, self.reached = sent, 0
@@ -293,6 +308,8 @@ class MissionDispatch:
             self._remember_interrupted(sent.items)
             self._on_board = None
             self._authority.upload_failed(on_board_unknown=True)
+        else:
+            self._authority.mission_read(self._known)
         if self._waiting is not None:  # a newer plan, which starts anew
             self._looked = False
             self._pause(now, 1)

@@ -43,6 +43,7 @@ class OnBoard(Enum):
     UNREAD = "the mission on board has not been read yet"
     EMPTY = "no mission on board"
     OURS = "our mission is on board"
+    PARTIAL = "an upload of ours is under way: the boat has part of it at most"
     DAMAGED = "an upload of ours failed half-way"
     FOREIGN = "a mission we don't know is on board"
     REPLACED = "somebody has put another mission on board in place of ours"
@@ -75,7 +76,7 @@ class Event(Enum):
     OTHERS = "in AUTO, armed, with a mission on board that is somebody else's, or none"
     LOW = "in AUTO, armed, our mission, and it shall return: the battery has fallen to that share, or the budget"
     OURS = "in AUTO, armed, our mission (or `adopt`, and it never was ours)"
-    UNCERTAIN = "in AUTO, armed, the mission on board not read, or damaged by an upload of ours"
+    UNCERTAIN = "in AUTO, armed, the mission on board not read, or in part or damaged by an upload of ours"
 
 
 class Action(Enum):
@@ -317,6 +318,11 @@ class Authority:
         self.on_board = OnBoard.OURS
         self._waiting_on_board = True
 
+    def upload_begun(self) -> None:
+        """The vehicle may have heard of an upload of ours. Under way it sails on, and its end is waited for."""
+        if not self.in_command:
+            self.on_board = OnBoard.PARTIAL
+
     def upload_failed(self, on_board_unknown: bool) -> None:
         """An upload of ours ended without success."""
         if on_board_unknown:
@@ -382,6 +388,8 @@ class Authority:
     def _in_auto(self, state: VehicleState) -> Event:
         if not state.armed:
             return Event.READY_IN_AUTO if self._is_ready(state) else Event.DISARMED
+        if self.on_board is OnBoard.PARTIAL:
+            return Event.UNCERTAIN
         if self.on_board is OnBoard.OURS or (self._adopt and self.on_board is not OnBoard.REPLACED):
             removed = self.on_board is OnBoard.EMPTY and self.survey_started
             return Event.OTHERS if removed else self._under_way(state)
@@ -408,7 +416,7 @@ class Authority:
             return False
         if self.on_board is OnBoard.EMPTY:
             return not self.survey_started
-        return self._adopt or self.on_board in (OnBoard.OURS, OnBoard.DAMAGED)
+        return self._adopt or self.on_board in (OnBoard.OURS, OnBoard.PARTIAL, OnBoard.DAMAGED)
 
     def _refusal(self) -> str:
         if self.on_board is OnBoard.FOREIGN:

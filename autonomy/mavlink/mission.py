@@ -9,7 +9,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.mavlink.mission_current import MakeCurrent, MakingCurrent
 from autonomy.mavlink.mission_download import Download, MissionDownload
-from autonomy.mavlink.mission_items import MissionItem, Route, missions_equal, waypoint, with_home
+from autonomy.mavlink.mission_items import (
+    MissionItem,
+    Route,
+    missions_equal,
+    only_known_places,
+    waypoint,
+    with_home,
+)
 from autonomy.mavlink.mission_upload import MissionUpload, Upload
 
 __all__ = [
@@ -81,7 +88,9 @@ class MissionTransfer:
 
     [a] MAKING_CURRENT if `make_current` (the vehicle is in AUTO and armed), else ENDED: Verified.
 
-    With `on_board`, for a mission that has just been read back equal, it begins at [a].
+    With `on_board`, for a mission that has just been read back equal, it begins at [a]. What is read back may hold
+    items of the missions in `replaces`, too; one at any other place has been put there by another station meanwhile,
+    and is not overwritten: ENDED, Failed and `contested`.
 
     An upload isn't atomic: once the vehicle may have heard of it, a failure leaves the mission on board
     unknown. Requests are answered in every phase, since doubled or late packets may make the vehicle ask
@@ -101,6 +110,7 @@ class MissionTransfer:
         autopilot: int = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
         make_current: bool = False,
         on_board: bool = False,
+        replaces: Sequence[Sequence[MissionItem]] = (),
         mission_state: int = mavlink.MISSION_STATE_UNKNOWN,
         time_scale: float = 1.0,
         limit_s: float = 60.0,
@@ -112,6 +122,7 @@ class MissionTransfer:
         self._autopilot = autopilot
         self.makes_current = make_current
         self._on_board = on_board
+        self._replaces = tuple(replaces)
         self._mission_state = mission_state
         self._time_scale = time_scale
         self._limit_s = limit_s
@@ -211,7 +222,10 @@ class MissionTransfer:
         if download.mission is None:
             return []
         if not missions_equal(self.items, download.mission):
-            return self._upload_again(now)
+            if only_known_places(download.mission, (self.items, *self._replaces)):
+                return self._upload_again(now)
+            self.contested = True
+            return self._fail("another station has put a mission on board meanwhile")
         return self._after_read_back(now)
 
     def _after_read_back(self, now: float) -> list[Any]:

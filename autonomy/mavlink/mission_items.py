@@ -1,7 +1,7 @@
 """Missions as values: items, how they travel, and when two missions are the same."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ _SAME_ON_BOARD = {
 }
 _ALTITUDE_TOLERANCE_M = 0.011  # ArduPilot keeps centimetres
 _PARAMETER_TOLERANCE = 1e-3
+_NEAR_E7 = 300  # three metres: more than a single-precision degree is rounded by
 
 
 @dataclass(frozen=True)
@@ -148,6 +149,20 @@ def missions_equal(sent: Sequence[MissionItem], on_board: Sequence[MissionItem])
     twins. Autopilots store parameters coarsely: param1 may be cut to an integer, param2 to param4 to zero.
     """
     return len(sent) == len(on_board) and all(map(_items_equal, sent, on_board))
+
+
+def only_known_places(items: Sequence[MissionItem], missions: Iterable[Sequence[MissionItem]]) -> bool:
+    """Whether each item lies within some metres of an item of one of `missions`.
+
+    What an upload of ours makes of these missions does, half done or altered by the autopilot; what another station
+    has sent does not.
+    """
+    known = [item for mission in missions for item in mission]
+    return all(any(_is_near(one, item) for one in known) for item in items)
+
+
+def _is_near(one: MissionItem, other: MissionItem) -> bool:
+    return abs(one.x - other.x) <= _NEAR_E7 and abs(one.y - other.y) <= _NEAR_E7
 
 
 def _items_equal(sent: MissionItem, on_board: MissionItem) -> bool:

@@ -293,3 +293,24 @@ def test_late_packets_give_us_nothing_while_the_operator_has_the_boat(voyage, la
 
 def _ground_station_heartbeat():
     return mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
+
+
+def test_auto_selected_in_the_middle_of_the_first_upload(make_voyage):
+    """What he starts is a part of our mission: it is called that, completed, verified, and sailed from its start."""
+    voyage = make_voyage()
+    voyage.stall_upload_after(2)
+    voyage.until_sent("MISSION_ITEM_INT", 3)
+    voyage.arm()
+    voyage.select(Mode.AUTO)
+    voyage.advance(2.0)
+    assert "an upload of ours is under way" in voyage.health.reason
+    assert len(voyage.on_board_m()) < len(voyage.plan_m())
+    voyage.unstall()
+    voyage.until("verified on board")
+    verified = voyage.now
+    assert voyage.on_board_m().shape == voyage.plan_m().shape
+    voyage.advance(10.0)
+    assert voyage.health.state == "exploring"
+    commands = [message.command for message in voyage.said("COMMAND_LONG", since=verified - 0.1)]
+    assert commands == [mavlink.MAV_CMD_DO_SET_MISSION_CURRENT]
+    assert voyage.autopilot.navigator.current == 1

@@ -337,6 +337,29 @@ def test_an_upload_of_somebody_else_between_look_and_upload_goes_first(bench):
     assert bench.counts() == 2
 
 
+@pytest.mark.parametrize("count", [3, 5, 8])
+def test_an_upload_of_somebody_else_before_our_read_back_stays(bench, count):
+    """What is read back is then neither what we sent nor a part of it: sent again, ours would wipe it out."""
+    bench.start(dispatched("first"))
+    theirs = dispatched("theirs", count)
+
+    def race(message):
+        if message.get_type() == "MISSION_REQUEST_LIST" and bench.counts() == 2:
+            bench.unstall()
+            bench.operator(mavlink.MAVLink_mission_count_message(1, 1, count + 1, 0))
+            for seq, item in enumerate((theirs.items[0], *theirs.items)):
+                bench.operator(item.to_message(ROUTE, seq))
+        return True
+
+    bench.passes = race
+    bench.dispatch.offer(dispatched("second"))
+    bench.advance(60.0)
+    assert bench.on_board() == places(theirs)
+    assert bench.authority.on_board is OnBoard.REPLACED
+    assert not bench.dispatch.busy
+    assert bench.counts() == 2
+
+
 @pytest.mark.parametrize("total", [4, 7, 0])
 def test_another_length_is_looked_into_once(bench, total):
     bench.start(dispatched("first", 5))
