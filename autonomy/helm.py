@@ -69,12 +69,7 @@ class Helm:
         self._configuration = configuration
         self._mavlink = configuration.mavlink
         self._frame = frame
-        self.telemetry = Telemetry(
-            configuration.sensor.message_name,
-            pairing_gap_s=configuration.sampling.pairing_gap_s,
-            vehicle_system_id=configuration.mavlink.system_id,
-            link_timeout_s=configuration.mavlink.link_timeout_s,
-        )
+        self.telemetry = Telemetry.of(configuration)
         self.authority = _authority(configuration)
         self.dispatch = MissionDispatch(self.authority)
         self._track = Track()

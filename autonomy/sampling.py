@@ -74,6 +74,7 @@ class SampleGate:
             quality, (sensor.minimum, sensor.maximum), waters
         )
         self._allowed = {Flag.GOOD} if quality.learn_from == "good" else {Flag.GOOD, Flag.SUSPECT}
+        self._lag_s = 0.0
         self._last_point: FloatArray | None = None
         self._last_refused: FloatArray | None = None
         self.refused: Counter[str] = Counter()
@@ -83,6 +84,8 @@ class SampleGate:
         if not survey_started:
             self.refused["survey not started"] += 1
             return []
+        if vehicle.model_time_s is not None:
+            self._lag_s = max(0.0, vehicle.model_time_s - observation.model_time_s)
         point = self._survey.frame.to_local(observation.lat_deg, observation.lon_deg)
         taken = _Taken(observation, point, self._refusal(point, vehicle))
         x, y = point.tolist()
@@ -90,8 +93,11 @@ class SampleGate:
         return self._sift(self.quality.add(reading, taken))
 
     def release(self, model_time_s: float) -> list[Sample]:
-        """The readings that have waited for a next one in vain; all that wait at a time of infinity."""
-        return self._sift(self.quality.release(model_time_s))
+        """The readings that have waited for a next one in vain; all that wait at a time of infinity.
+
+        The next one comes as late as the last did: water has been on its way to the sensor for a while.
+        """
+        return self._sift(self.quality.release(model_time_s - self._lag_s))
 
     def _refusal(self, point: FloatArray, vehicle: VehicleState) -> str | None:
         if not vehicle.position_ok:

@@ -119,12 +119,13 @@ async def _fence(arguments: argparse.Namespace) -> list[Drawn]:
     """
     # The transport needs a while to import.
     from autonomy.mavlink.signing import KeyFileError
+    from autonomy.mavlink.telemetry import Telemetry
     from autonomy.preflight.conversation import Conversation
     from autonomy.preflight.listening import listen
 
     signing = SigningSection(key_file=arguments.signing_key, form=arguments.signing_form)
     section = MavlinkSection(endpoint=arguments.from_vehicle, system_id=arguments.system_id, signing=signing)
-    conversation = Conversation(section, "", 1.0, ())
+    conversation = Conversation(section, Telemetry("", vehicle_system_id=section.system_id), ())
 
     def is_read() -> bool:
         return conversation.safeguards is not None and conversation.safeguards.known is not None

@@ -9,6 +9,8 @@ _REORDERING_S = 1.0  # an older stamp than this, in protocol time, isn't a strag
 _WITNESSES = 3
 _UPTIME_SLACK_S = 5.0
 _FORWARD_SLACK_S = 60.0
+_AHEAD_S = 1.0  # whoever stamps by the vehicle's clock knows it no better, nor do we
+_OLDEST_TRANSLATED_S = 90.0
 _STALE_S = 5.0  # protocol time without a stamp that fits, after which the clock itself is doubted
 _FASTEST = 1000.0  # no simulation runs faster, in model seconds per second
 _YEAR_2001_USEC = 978_307_200_000_000  # a vehicle without GPS sends zero or its boot time
@@ -155,6 +157,20 @@ class ModelClock:
             return self._suspect(now, time_boot_ms, doubt)
         self._suspects.clear()
         return self._advance(now, time_boot_ms) if step_ms > 0 else time_boot_ms / 1000 + self._offset_s
+
+    def translate(self, now: float, time_boot_ms: int) -> float | None:
+        """Model time of a stamp that somebody else made by this clock, up to a minute and a half ago.
+
+        None if it can't be one: in the future, too old, or before the vehicle's start. It moves nothing.
+        """
+        present_s = self.estimate(now)
+        if present_s is None:
+            return None
+        step_ms = (time_boot_ms - round(1000 * (present_s - self._offset_s)) + _WRAP_MS // 2) % _WRAP_MS
+        age_s = (_WRAP_MS // 2 - step_ms) / 1000
+        scale = max(1.0, self.rate)
+        in_reach = -_AHEAD_S * scale <= age_s <= _OLDEST_TRANSLATED_S * scale
+        return present_s - age_s if in_reach else None
 
     def observe_utc(self, now: float, time_boot_ms: int, time_unix_usec: int) -> None:
         """Take in a SYSTEM_TIME message; a date before 2001 or after 2100 is none."""

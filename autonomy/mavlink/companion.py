@@ -10,6 +10,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autonomy.mavlink.mission_items import Route
 from autonomy.mavlink.mission_upload import retry_interval
 
+BRIDGE_COMPONENT = mavlink.MAV_COMP_ID_PERIPHERAL
+"""Under which `autonomy bridge` speaks, unless it is told another: a peripheral of the vehicle."""
+
 _TEXT_LENGTH = 50
 _INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
 _ANSWER_S = 1.5

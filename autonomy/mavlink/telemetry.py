@@ -10,10 +10,13 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autonomy.config import Configuration
 from autonomy.mavlink.clock import ModelClock
-from autonomy.mavlink.pairing import Observation, Pairing
+from autonomy.mavlink.pairing import Intake, Observation, Pairing
 
 __all__ = ["Observation", "StatusText", "Telemetry", "VehicleState"]
+
+TIME_UNKNOWN = "time unknown"
 
 _NAME_LENGTH = 10
 _REMEMBERED_READINGS = 1024
@@ -97,7 +100,8 @@ class Telemetry:
     The autopilot is the first component (of `vehicle_system_id`, if given) whose heartbeat names one.
     Readings are NAMED_VALUE_FLOAT messages called `sensor_name` from the same system; the autopilot's own are
     timed by their stamp, those of another component, which has another boot clock, and those stamped zero, whose
-    sender has none, by their arrival.
+    sender has none, by their arrival. With `stamped_by_vehicle` other components stamp by the autopilot's clock, and
+    all stamps may lie back as far as the water has had to come: they tell when a reading was taken, but not the time.
     """
 
     def __init__(
@@ -106,10 +110,13 @@ class Telemetry:
         pairing_gap_s: float = 1.0,
         vehicle_system_id: int | None = None,
         link_timeout_s: float = 5.0,
+        stamped_by_vehicle: bool = False,
+        intake: Intake | None = None,
     ) -> None:
         self._sensor_name = sensor_name.encode()[:_NAME_LENGTH]
         self._wanted_system_id = vehicle_system_id
         self._link_timeout_s = link_timeout_s
+        self._stamped_by_vehicle = stamped_by_vehicle
         self._clock = ModelClock()
         self._epoch = 0
         self._position_time_s = -math.inf
@@ -122,7 +129,7 @@ class Telemetry:
         """Readings that taught nothing, counted by reason."""
         self.position_heard = -math.inf
         """Protocol time of the last position of the vehicle."""
-        self._pairing = Pairing(pairing_gap_s, self.dropped)
+        self._pairing = Pairing(pairing_gap_s, self.dropped, intake)
         self.state: VehicleState | None = None
         self._handlers: dict[str, Callable[[float, Any], list[Observation]]] = {
             "GLOBAL_POSITION_INT": self._on_position,
@@ -136,6 +143,19 @@ class Telemetry:
             "HOME_POSITION": self._on_home,
             "STATUSTEXT": self._on_text,
         }
+
+    @classmethod
+    def of(cls, configuration: Configuration) -> "Telemetry":
+        """Following the vehicle and the sensor of a configuration."""
+        sensor, link = configuration.sensor, configuration.mavlink
+        return cls(
+            sensor.message_name,
+            pairing_gap_s=configuration.sampling.pairing_gap_s,
+            vehicle_system_id=link.system_id,
+            link_timeout_s=link.link_timeout_s,
+            stamped_by_vehicle=sensor.clock == "vehicle",
+            intake=Intake(sensor.intake_forward_m, sensor.intake_starboard_m),
+        )
 
     @property
     def clock_rate(self) -> float:
@@ -257,16 +277,17 @@ class Telemetry:
             return []  # ArduPilot sends zeros until its estimator has an origin
         if model_time_s is None:
             return []
+        heading_deg = None if message.hdg == 65535 else message.hdg / 100
         if model_time_s >= self._position_time_s:  # not a straggler
             self._position_time_s = model_time_s
             self.position_heard = now
             self._update(
                 lat_deg=lat_deg,
                 lon_deg=lon_deg,
-                heading_deg=None if message.hdg == 65535 else message.hdg / 100,
+                heading_deg=heading_deg,
                 groundspeed_mps=math.hypot(message.vx, message.vy) / 100,
             )
-        return self._pairing.add_fix(model_time_s, lat_deg, lon_deg)
+        return self._pairing.add_fix(model_time_s, lat_deg, lon_deg, heading_deg)
 
     def _on_reading(self, now: float, message: Any) -> list[Observation]:
         if _name(message.name) != self._sensor_name:
@@ -274,17 +295,23 @@ class Telemetry:
         if self.state is None or message.get_srcSystem() != self.state.system_id:
             self.dropped["not from our vehicle"] += 1
             return []
-        if self.is_from_autopilot(message) and message.time_boot_ms != 0:
-            model_time_s = self._model_time(now, message.time_boot_ms)
-        else:
-            model_time_s = self._clock.estimate(now)
+        model_time_s = self._time_of_reading(now, message)
         if model_time_s is None:
-            self.dropped["time unknown"] += 1
+            self.dropped[TIME_UNKNOWN] += 1
             return []
         if self._is_repeat(now, message):
             self.dropped["repeated"] += 1
             return []
         return self._pairing.add_reading(model_time_s, message.value)
+
+    def _time_of_reading(self, now: float, message: Any) -> float | None:
+        if message.time_boot_ms == 0:
+            return self._clock.estimate(now)
+        if self._stamped_by_vehicle:
+            return self._clock.translate(now, message.time_boot_ms)
+        if self.is_from_autopilot(message):
+            return self._model_time(now, message.time_boot_ms)
+        return self._clock.estimate(now)
 
     def _is_repeat(self, now: float, message: Any) -> bool:
         # Senders without a clock stamp zero; only the packet's number tells their readings apart, for a while.

@@ -31,6 +31,7 @@ class Named:
     last_s: float = math.nan
     last_value: float = math.nan
     systems: set[int] = field(default_factory=set)
+    components: set[int] = field(default_factory=set)
 
     @property
     def rate_hz(self) -> float:
@@ -46,9 +47,7 @@ class Conversation:
     what is to be sent.
     """
 
-    def __init__(
-        self, section: MavlinkSection, sensor: str, pairing_gap_s: float, streams: Sequence[Stream]
-    ) -> None:
+    def __init__(self, section: MavlinkSection, telemetry: Telemetry, streams: Sequence[Stream]) -> None:
         self._section = section
         self._wanted = tuple(streams)
         self._heartbeat_due = -math.inf
@@ -56,7 +55,7 @@ class Conversation:
         self._question_due = -math.inf
         self._streams: StreamRequests | None = None
         self._reading: SafeguardsReading | None = None
-        self.telemetry = Telemetry(sensor, pairing_gap_s, section.system_id, section.link_timeout_s)
+        self.telemetry = telemetry
         self.newest: dict[str, tuple[float, Any]] = {}
         """The autopilot's own last message of each type, with its time."""
         self.counts: Counter[str] = Counter()
@@ -70,11 +69,11 @@ class Conversation:
     @classmethod
     def of(cls, configuration: Configuration) -> "Conversation":
         """With the vehicle and the instrument of a configuration, asking for what the service would."""
-        section, sensor = configuration.mavlink, configuration.sensor
+        section = configuration.mavlink
         # Asked for here they would be there now, and missing when the service, which only looks on, runs alone.
         looks_on = configuration.authority.mode == "observe"
         streams = () if looks_on else wanted_streams(section.position_rate_hz, battery=True)
-        return cls(section, sensor.message_name, configuration.sampling.pairing_gap_s, streams)
+        return cls(section, Telemetry.of(configuration), streams)
 
     @property
     def state(self) -> VehicleState | None:
@@ -145,3 +144,4 @@ class Conversation:
         seen = self.named.setdefault(name, Named(first_s=now))
         seen.count, seen.last_s, seen.last_value = seen.count + 1, now, message.value
         seen.systems.add(message.get_srcSystem())
+        seen.components.add(message.get_srcComponent())

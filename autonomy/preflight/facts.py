@@ -82,11 +82,12 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class Named:
-    """Readings under one name: how many, how many a second, from which systems."""
+    """Readings under one name: how many, how many a second, from which systems and which components of theirs."""
 
     count: int
     rate_hz: float
     systems: frozenset[int]
+    components: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,7 @@ def vehicle_of(conversation: Conversation, seconds: float, clock: tuple[float, f
 def probe_of(conversation: Conversation, configuration: Configuration, survey: SurveyArea) -> Probe:
     """What a conversation has told of the instrument, its readings judged as the service will; but for the place."""
     named = {
-        name: Named(each.count, each.rate_hz, frozenset(each.systems))
+        name: Named(each.count, each.rate_hz, frozenset(each.systems), frozenset(each.components))
         for name, each in conversation.named.items()
     }
     sensor = configuration.sensor

@@ -3,6 +3,9 @@
 import math
 from statistics import median
 
+from autonomy.mavlink.companion import BRIDGE_COMPONENT
+from autonomy.mavlink.pairing import NO_HEADING
+from autonomy.mavlink.telemetry import TIME_UNKNOWN
 from autonomy.preflight.facts import Facts, Named
 from autonomy.preflight.finding import Finding, failed, passed, skipped, warned
 from autonomy.quality.checks import NO_VALUE_ABOVE
@@ -32,7 +35,7 @@ def probe_checks(facts: Facts) -> list[Finding]:
             *limits,
         ]
     heard = passed("sensor.name", f"{sensor.message_name} is heard, {named.count} readings")
-    return [heard, _rate(named), *_values(facts, named), *limits]
+    return [heard, _rate(named), *_clock(facts, named), *_values(facts, named), *limits]
 
 
 def _unheard(facts: Facts) -> Finding:
@@ -62,6 +65,25 @@ def _rate(named: Named) -> Finding:
             check, said, "average at the sender: more than ten a second load the link and teach nothing"
         )
     return passed(check, said)
+
+
+def _clock(facts: Facts, named: Named) -> list[Finding]:
+    """Whether readings are given the time and the place of their water."""
+    check, sensor, dropped = "sensor.clock", facts.configuration.sensor, facts.probe.dropped
+    if sensor.clock == "own" and BRIDGE_COMPONENT in named.components:
+        said = (
+            f"readings come from a bridge (component {BRIDGE_COMPONENT}), which stamps them with the time at which the "
+            "water was taken in; but they are timed by their arrival"
+        )
+        return [warned(check, said, "set sensor.clock: vehicle (docs/bridge.md)")]
+    untimed = dropped.get(TIME_UNKNOWN, 0)
+    if sensor.clock == "vehicle" and 2 * untimed > named.count:
+        said = f"{untimed} of {named.count} readings are not stamped by the vehicle's clock, as sensor.clock says"
+        return [failed(check, said, "set sensor.clock: own, unless it is autonomy bridge that sends them")]
+    if 2 * dropped.get(NO_HEADING, 0) > named.count:
+        said = "the autopilot tells no heading, without which the place of the intake is unknown"
+        return [failed("sensor.intake", said, "calibrate the compass; or leave out sensor.intake_…_m")]
+    return []
 
 
 def _values(facts: Facts, named: Named) -> list[Finding]:

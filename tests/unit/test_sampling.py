@@ -38,7 +38,7 @@ class Gate:
         self.gate = SampleGate(SURVEY, configuration)
         self.time_s = 0.0
 
-    def take(self, x, y, value=None, *, started=True, speed_mps=2.0, ekf_ok=True):
+    def take(self, x, y, value=None, *, started=True, speed_mps=2.0, ekf_ok=True, lag_s=0.0):
         self.time_s += 1.0
         if value is None:
             value = 33.0 + 0.01 * math.sin(7.0 * self.time_s)  # a probe that stays the same is stuck
@@ -46,6 +46,7 @@ class Gate:
         observation = Observation(self.time_s, lat_deg, lon_deg, value)
         vehicle = VehicleState(
             *(1, 1, 3, 11, 10, True, 4),
+            model_time_s=self.time_s + lag_s,
             lat_deg=lat_deg,
             lon_deg=lon_deg,
             groundspeed_mps=speed_mps,
@@ -94,6 +95,14 @@ def test_the_newest_reading_waits_for_the_next_and_all_come_in_their_order():
     assert came[12] == values[:12]
     assert came[13:] == [[value] for value in values[12:-1]]
     assert [s.observation.value for s in gate.gate.release(math.inf)] == values[-1:]
+
+
+def test_what_was_long_on_its_way_waits_no_less_for_the_next_one():
+    gate = Gate(spacing_m=0.0)
+    for k in range(40):
+        gate.take(100.0 + 2.0 * k, 100.0, lag_s=13.0)
+    assert gate.gate.release(gate.time_s + 13.5) == []
+    assert len(gate.gate.release(gate.time_s + 13.0 + 60.0)) == 1
 
 
 @pytest.mark.parametrize("learn_from", ["good", "good_and_suspect"])

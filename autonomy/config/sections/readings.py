@@ -18,6 +18,8 @@ from autonomy.config.types import (
     Positive,
 )
 
+Offset = Annotated[float, Field(ge=-200, le=200, allow_inf_nan=False)]
+
 
 class SensorSection(Section):
     """The probe, as it names itself on the link."""
@@ -27,6 +29,19 @@ class SensorSection(Section):
         pattern=r"^[!-~]{1,10}$",
         description="name in the probe's NAMED_VALUE_FLOAT messages",
         json_schema_extra={"allowed": "1 to 10 printable ASCII characters without spaces"},
+    )
+    clock: Literal["own", "vehicle"] = Field(
+        default="own",
+        description="by which clock another component than the autopilot stamps its readings: own, which nobody knows "
+        "here, so that they are timed by their arrival; vehicle, the autopilot's, as autonomy bridge does",
+    )
+    intake_forward_m: Offset = Field(
+        default=0.0,
+        description="how far the intake, or the probe, is ahead of the place whose position the autopilot tells; "
+        "negative: behind it",
+    )
+    intake_starboard_m: Offset = Field(
+        default=0.0, description="how far it is to starboard of that place; negative: to port"
     )
     variable: str = Field(
         default="sea_water_practical_salinity",

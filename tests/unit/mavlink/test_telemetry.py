@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autonomy.geometry import LocalFrame
 from autonomy.mavlink.codec import Codec
+from autonomy.mavlink.pairing import Intake
 from autonomy.mavlink.telemetry import Observation, Telemetry
 
 
@@ -25,8 +27,11 @@ class Vehicle:
         base = 81 | (128 if armed else 0)
         return self.say(mavlink.MAVLink_heartbeat_message(kind, autopilot, base, mode, 4, 3))
 
-    def position(self, time_s: float, lat: float = 33.0, lon: float = -118.0) -> Any:
-        fields = (round(time_s * 1000), round(lat * 1e7), round(lon * 1e7), 0, 0, 30, 40, 0, 9000)
+    def position(
+        self, time_s: float, lat: float = 33.0, lon: float = -118.0, heading_deg: float = 90.0
+    ) -> Any:
+        hdg = round(heading_deg * 100)
+        fields = (round(time_s * 1000), round(lat * 1e7), round(lon * 1e7), 0, 0, 30, 40, 0, hdg)
         return self.say(mavlink.MAVLink_global_position_int_message(*fields))
 
     def reading(self, time_s: float, value: float, name: bytes = b"SALT") -> Any:
@@ -319,3 +324,64 @@ def test_home_is_where_the_autopilot_says_unless_it_has_none() -> None:
     assert telemetry.state.home_deg is None
     telemetry.handle(0.0, boat.say(mavlink.MAVLink_home_position_message(335_000_000, -1_185_000_000, *rest)))
     assert telemetry.state.home_deg == pytest.approx((33.5, -118.5))
+
+
+def test_a_reading_of_the_past_is_placed_where_its_water_was_taken_in() -> None:
+    """Its sender is another component, which stamps by the autopilot's clock; nothing of it moves that clock."""
+    telemetry, boat = ready(stamped_by_vehicle=True)
+    bridge = Vehicle(1, 158)
+    for second in range(20):
+        telemetry.handle(second, boat.position(100.0 + second, lat=33.0 + 1e-4 * second))
+    (observation,) = telemetry.handle(19.0, bridge.reading(106.5, 34.0))
+    assert observation.model_time_s == pytest.approx(106.5)
+    assert observation.lat_deg == pytest.approx(33.00065, abs=1e-7)
+    assert telemetry.model_time(19.0) == 119.0
+
+
+@pytest.mark.parametrize("stamp_s", [121.0, 5000.0, 20.0])
+def test_stamps_that_are_not_of_the_vehicles_clock_teach_nothing(stamp_s: float) -> None:
+    telemetry, boat = ready(stamped_by_vehicle=True)
+    for second in range(20):
+        telemetry.handle(second, boat.position(100.0 + second))
+    assert telemetry.handle(19.0, Vehicle(1, 158).reading(stamp_s, 34.0)) == []
+    assert telemetry.dropped == {"time unknown": 1}
+    assert telemetry.clock_breaks == 0
+
+
+def test_stamps_of_before_the_wrap_are_understood_after_it() -> None:
+    telemetry, boat = ready(stamped_by_vehicle=True)
+    wrap_s = 2**32 / 1000
+    for second in range(-10, 10):
+        telemetry.handle(second + 10, boat.position((wrap_s + second) % wrap_s))
+    (observation,) = telemetry.handle(19.0, Vehicle(1, 158).reading(wrap_s - 4.5, 34.0))
+    assert observation.model_time_s == pytest.approx(wrap_s - 4.5)
+
+
+@pytest.mark.parametrize(
+    ("heading_deg", "east_m", "north_m"),
+    [(0.0, 1.0, 3.0), (90.0, 3.0, -1.0), (225.0, -(2**0.5), -2 * 2**0.5)],
+)
+def test_the_place_of_a_reading_is_the_intakes(heading_deg: float, east_m: float, north_m: float) -> None:
+    """Three metres ahead of the antenna and one to starboard of it; the truth is pyproj's."""
+    telemetry, boat = ready(intake=Intake(3.0, 1.0))
+    telemetry.handle(0.0, boat.position(10.0, 60.0, 5.0, heading_deg))
+    (observation,) = telemetry.handle(0.0, boat.reading(10.0, 34.0))
+    place = LocalFrame(60.0, 5.0).to_local(observation.lat_deg, observation.lon_deg)
+    assert place == pytest.approx([east_m, north_m], abs=1e-3)
+
+
+def test_between_two_headings_it_is_turned_the_short_way() -> None:
+    telemetry, boat = ready(intake=Intake(10.0, 0.0))
+    telemetry.handle(0.0, boat.position(10.0, 60.0, 5.0, 350.0))
+    telemetry.handle(0.1, boat.position(10.5, 60.0, 5.0, 10.0))
+    (observation,) = telemetry.handle(0.2, boat.reading(10.25, 34.0))
+    assert LocalFrame(60.0, 5.0).to_local(observation.lat_deg, observation.lon_deg) == pytest.approx(
+        [0.0, 10.0], abs=1e-3
+    )
+
+
+def test_without_a_heading_nobody_knows_where_the_intake_is() -> None:
+    telemetry, boat = ready(intake=Intake(3.0, 0.0))
+    telemetry.handle(0.0, boat.position(10.0, heading_deg=655.35))
+    assert telemetry.handle(0.0, boat.reading(10.0, 34.0)) == []
+    assert telemetry.dropped == {"no heading to find the intake by": 1}
