@@ -235,17 +235,10 @@ async def _follow(
             # Until offset and scale are known there is no belief to judge.
             if model is not None and model.sequence != judged and len(model.model.basis):
                 judged = model.sequence
-                rmse, std = judge(scene, model)
+                rmse, std = scene.judge(model.model, model.model_time_s)
                 course.samples.append(model.samples)
                 course.rmse.append(rmse)
                 bar.set_postfix_str(_progress(course, rmse / std))
-
-
-def judge(scene: Scene, model: ModelSnapshot) -> tuple[float, float]:
-    """RMSE of a belief against the truth at its moment, and the truth's standard deviation, over the water."""
-    truth = scene.truth(model.model_time_s)
-    mean = model.model.predict_grid(scene.x_axis_m, scene.y_axis_m).mean
-    return float(np.sqrt(np.nanmean((mean - truth) ** 2))), float(np.nanstd(truth))
 
 
 def _progress(course: Course, share: float) -> str:
@@ -267,7 +260,7 @@ def _conclude(options: DemoOptions, scene: Scene, course: Course, operator: Oper
     model = course.model
     if model is None or not course.samples:
         raise DemoError(f"nothing was learned; see {options.folder}/service.log")
-    rmse, std = judge(scene, model)
+    rmse, std = scene.judge(model.model, model.model_time_s)
     legs = [leg for plan in course.plans for leg in _legs([plan.start_deg, *plan.route_deg])]
     legs += _legs(operator.track_deg)
     picture = options.folder / "demo.png"

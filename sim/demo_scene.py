@@ -15,6 +15,7 @@ from autonomy.planning.passage import passage_of
 from autonomy.planning.survey import SurveyArea, SurveyError, read_survey
 from sim.field import Field, FieldError, FieldInfo, open_field, shrunk
 from sim.land import feature_collection, land_polygons, water_outline
+from sim.truth_map import TruthMap
 
 LARGEST_SIDE_M = 15_000.0
 SAMPLES_PER_SIDE = 50
@@ -35,35 +36,20 @@ LARGEST_SPEED_MPS = 100.0
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """A sea to be surveyed.
+class Scene(TruthMap):
+    """A sea to be surveyed, and the map on which the belief is judged.
 
     Attributes:
-        field: the truth.
-        survey: the area as the vessel's software reads it from the files.
-        x_axis_m: east axis of the map on which the belief is judged, shape (nx,), local metres.
-        y_axis_m: north axis, shape (ny,).
         spacing_m: least distance of two samples.
         speed_mps: of the vessel.
         noise: standard deviation of a reading.
         start_deg: latitude, longitude where the vessel lies at first.
     """
 
-    field: Field
-    survey: SurveyArea
-    x_axis_m: FloatArray
-    y_axis_m: FloatArray
     spacing_m: float
     speed_mps: float
     noise: float
     start_deg: tuple[float, float]
-
-    def truth(self, time_s: float) -> FloatArray:
-        """The field on the map, shape (ny, nx), NaN outside the survey's water."""
-        x, y = np.meshgrid(self.x_axis_m, self.y_axis_m)
-        degrees = self.survey.frame.to_geodetic(np.stack([x, y], axis=-1))
-        values = self.field.value(degrees[..., 0], degrees[..., 1], time_s)
-        return np.where(shapely.contains_xy(self.survey.water, x, y), values, np.nan)
 
     def crosses_land(self, a_deg: FloatArray, b_deg: FloatArray) -> bool:
         """Whether the leg between two positions (latitude, longitude) touches a land cell of the field, every 10 m.
