@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from autonomy.mavlink.authority import Authority, Command, OnBoard, mode_name
+from autonomy.mavlink.authority import Action, Authority, Command, OnBoard, mode_name
 from autonomy.mavlink.telemetry import VehicleState
 
 HOLD = VehicleState(1, 1, autopilot=3, vehicle_type=11, mode=4, armed=False, system_status=3)
@@ -109,6 +109,25 @@ def test_after_a_reboot_the_boat_waits_for_its_operator_anew() -> None:
     assert authority.in_command
 
 
+@pytest.mark.parametrize("taken", [False, True])
+def test_full_starts_a_rebooted_boat_only_if_nobody_has_ever_taken_it(taken: bool) -> None:
+    authority = Authority(adopt=False, mode="full")
+    authority.mission_read(OnBoard.EMPTY)
+    authority.upload_verified()
+    authority.observe(AUTO)
+    assert authority.in_command
+    if taken:
+        authority.observe(MANUAL)
+    ready = replace(HOLD, reboots=1, heartbeats=1, ekf_ok=True, gps_fix_type=3)
+    authority.observe(replace(ready, heartbeats=0))
+    authority.mission_read(OnBoard.EMPTY)
+    authority.observe(ready)
+    authority.upload_verified()
+    authority.observe(ready)
+    assert authority.command is Command.BEFORE_START
+    assert authority.action is (Action.PREPARE if taken else Action.SELECT_AUTO)
+
+
 def test_a_clock_that_starts_again_under_an_armed_boat_gives_us_nothing() -> None:
     authority = started()
     authority.mission_read(OnBoard.OURS)
@@ -163,3 +182,18 @@ def test_a_mission_cleared_under_a_failsafe_is_left_alone() -> None:
     authority = started()
     authority.observe(replace(CRITICAL, mode=4, mission_state=1))
     assert authority.command is Command.YIELDED
+
+
+@pytest.mark.parametrize("adopt", [False, True])
+def test_what_the_operator_starts_in_the_middle_of_an_upload_is_only_part_of_our_mission(adopt: bool) -> None:
+    authority = Authority(adopt)
+    authority.mission_read(OnBoard.EMPTY)
+    authority.upload_begun()
+    authority.observe(AUTO)
+    assert not authority.in_command
+    assert "part of it at most" in authority.reason
+    authority.upload_verified()
+    authority.observe(AUTO)
+    assert authority.in_command
+    authority.upload_begun()
+    assert authority.on_board is OnBoard.OURS, "under way it sails on meanwhile"
