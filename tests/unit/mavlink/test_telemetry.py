@@ -359,7 +359,7 @@ def test_stamps_of_before_the_wrap_are_understood_after_it() -> None:
 
 @pytest.mark.parametrize(
     ("heading_deg", "east_m", "north_m"),
-    [(0.0, 1.0, 3.0), (90.0, 3.0, -1.0), (225.0, -(2**0.5), -2 * 2**0.5)],
+    [(0.0, 1.0, 3.0), (90.0, 3.0, -1.0), (225.0, -2 * 2**0.5, -(2**0.5))],
 )
 def test_the_place_of_a_reading_is_the_intakes(heading_deg: float, east_m: float, north_m: float) -> None:
     """Three metres ahead of the antenna and one to starboard of it; the truth is pyproj's."""
