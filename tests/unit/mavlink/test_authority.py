@@ -119,7 +119,7 @@ def test_full_starts_a_rebooted_boat_only_if_nobody_has_ever_taken_it(taken: boo
     if taken:
         authority.observe(MANUAL)
     ready = replace(HOLD, reboots=1, heartbeats=1, ekf_ok=True, gps_fix_type=3, lat_deg=33.5, lon_deg=-118.5)
-    authority.observe(replace(ready, heartbeats=0))
+    authority.observe(replace(MANUAL if taken else AUTO, reboots=1))
     authority.mission_read(OnBoard.EMPTY)
     authority.observe(ready)
     authority.upload_verified()
