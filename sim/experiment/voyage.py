@@ -27,6 +27,7 @@ from autonomy.planning.planners import PlanRequest
 from autonomy.planning.restrictions import restricted
 from autonomy.planning.survey import SurveyArea
 from autonomy.quality import Flag, refused_by
+from autonomy.situation import State
 from autonomy.wire import ObservationNotice
 from sim.autopilot import Autopilot, Options
 from sim.discrete import DiscreteRun
@@ -69,7 +70,7 @@ class Orders:
         configuration: the core's, with a `sampling.spacing_m`; whose survey section is not looked at.
         launch_m: shape (2,), local metres, navigable.
         samples: the voyage ends when so many have been learnt; None: `distance_m` ends it.
-        distance_m: or when so much has been sailed; None: `samples` ends it.
+        distance_m: or when so much has been sailed; None: `samples` ends it. A budget may end it before, at home.
         noise: standard deviation of a reading.
         seed: of the readings' noise. The core's own is in the configuration.
         speed_mps: of the vessel; None: a sample every ten seconds, which is right for seas that don't move.
@@ -315,8 +316,10 @@ class _Sailing(DiscreteRun):
 
     @property
     def is_over(self) -> bool:
-        """Whether what was ordered has been sailed."""
-        return self.has_ended or self._part >= 1.0
+        """Whether what was ordered has been sailed, or the core has brought the vessel home within its budget."""
+        health = self.published[Topic.HEALTH]
+        is_home = bool(health) and health[-1].state == State.FINISHED.name.lower()
+        return self.has_ended or is_home or self._part >= 1.0
 
     @property
     def _part(self) -> float:
