@@ -9,6 +9,7 @@ with arrays as ["array", type, order, [side, …], bytes]. A new one replaces th
 whatever happens meanwhile, the newer one is whole. Nothing in a file is ever run as code.
 """
 
+import errno
 import fcntl
 import hashlib
 import logging
@@ -17,7 +18,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import IO, Any, Literal
 
 import cbor2
 import numpy as np
@@ -177,17 +178,18 @@ def _encode_array(encoder: Any, value: Any) -> None:
 class Store:
     """The folder of one boat's checkpoints.
 
-    Raises OSError if the folder can't be made or written to; BlockingIOError if another process uses it.
+    One on a disk that has become read-only is still read. Raises OSError if the folder can't be made or written to
+    for any other reason; BlockingIOError if another process uses it.
     """
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
-        self.is_outdated = False
-        """Whether what was found there is of another version of the software, and nothing else has changed."""
+        self.is_spoilt = False
+        """Whether what was found there is damaged or another version's: the journal may still tell what it was."""
         self._reserve = folder / "reserve"
         self._is_short = False
-        self._lock = (folder / "lock").open("wb")
+        self._lock = _open_lock(folder / "lock")
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -218,13 +220,14 @@ class Store:
             except (CheckpointError, OSError) as error:
                 log.error("the checkpoint %s is not used: %s", path, error)
                 self._put_aside(name, "damaged")
+                self.is_spoilt = True
                 continue
             changed = [part for part in wanted if checkpoint.fits.get(part) != wanted[part]]
             if changed:
                 why = f"what it depends on has changed: {', '.join(changed)}"
                 log.error("the checkpoint %s is not used: %s", path, why)
                 self._put_aside(name, "unfit")
-                self.is_outdated = self.is_outdated or changed == ["software"]
+                self.is_spoilt = self.is_spoilt or changed == ["software"]
             else:
                 found.append(checkpoint)
         return sorted(found, key=lambda checkpoint: -checkpoint.number)
@@ -282,6 +285,16 @@ class Store:
             log.error("%s can't be put aside: %s", path, error)
         else:
             log.warning("it is kept as %s", target)
+
+
+def _open_lock(path: Path) -> IO[bytes]:
+    try:
+        return path.open("wb")
+    except OSError as error:
+        if error.errno != errno.EROFS or not path.exists():
+            raise
+        log.error("%s is read-only: what is learnt from now on will not outlive this run", path.parent)
+        return path.open("rb")
 
 
 def write_atomically(path: Path, data: bytes) -> None:

@@ -209,7 +209,7 @@ class Continuity:
     def _awaken(self) -> Core:
         checkpoints = self._store.load(self._wanted)
         self._number = max((each.number for each in checkpoints), default=0)
-        spoilt = self._trials.source == JOURNAL or self._store.is_outdated
+        spoilt = self._trials.source == JOURNAL or self._store.is_spoilt
         for i, checkpoint in enumerate(checkpoints):
             try:
                 core = self._gone_on(f"checkpoint {checkpoint.number}", partial(self._restored, checkpoint))

@@ -1,5 +1,7 @@
 """Going on from what an earlier run left: checkpoints of two generations, the journal's tail, crashes."""
 
+import errno
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -111,6 +113,12 @@ class Run:
             self.continuity.crashed(self.journal)
             raise
 
+    def keeps_two(self) -> None:
+        """Have that of the beginning written, and another: one that still waits gives way to the next."""
+        for _ in range(2):
+            self.continuity.close(in_order=False)
+            self.continuity.begin(self.journal)
+
     def ends(self, *, in_order: bool = False, keep: bool = False) -> None:
         if keep:
             self.continuity.keep(self.journal)
@@ -161,11 +169,7 @@ def test_of_a_damaged_checkpoint_the_older_one_is_taken(
 ) -> None:
     first = run()
     first.hears(LinkDown("one"))
-    first.continuity.keep(first.journal)
-    first.continuity.close(in_order=False)  # it is written
-    first.continuity.begin(first.journal)
-    first.continuity.close(in_order=False)  # or the next one might take its place
-    first.continuity.begin(first.journal)
+    first.keeps_two()
     first.hears(LinkDown("two"))
     first.ends(keep=True)
     newest = max((tmp_path / "kept").glob("*.checkpoint"), key=lambda path: decode(path.read_bytes()).number)
@@ -174,6 +178,45 @@ def test_of_a_damaged_checkpoint_the_older_one_is_taken(
     assert second.lost == {"one", "two"}
     assert "it is damaged or not whole" in caplog.text
     assert list((tmp_path / "kept").glob("*.damaged-1.aside"))
+
+
+def test_when_both_checkpoints_are_damaged_the_journal_teaches_it(
+    run: Callable[..., Run], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = run()
+    first.hears(LinkDown("one"))
+    first.ends(keep=True)
+    kept = list((tmp_path / "kept").glob("*.checkpoint"))
+    for path in kept:
+        path.write_bytes(path.read_bytes()[:-1])
+    assert run().lost == {"one"}
+    assert "went on from the journal alone" in caplog.text
+    assert len(list((tmp_path / "kept").glob("*.damaged-1.aside"))) == len(kept)
+
+
+def test_what_is_on_a_disk_that_has_become_read_only_is_gone_on_from(
+    run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = run(recorded=False)
+    first.hears(LinkDown("one"))
+    first.ends(keep=True)
+    sound = Path.open
+
+    def refuse(path: Path, mode: str = "r", *rest: Any, **named: Any) -> Any:
+        if "w" in mode or "a" in mode:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+        return sound(path, mode, *rest, **named)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", refuse)
+        second = run(recorded=False)
+        assert second.lost == {"one"}
+        second.hears(LinkDown("two"))
+        with pytest.raises(BlockingIOError):
+            Store(second.store.folder)
+        second.ends(keep=True)
+    assert "is read-only: what is learnt from now on will not outlive this run" in caplog.text
+    assert "Read-only file system" in second.continuity.trouble
 
 
 def test_a_record_that_crashed_the_core_is_not_tried_again(
@@ -294,6 +337,7 @@ def test_what_crashes_again_and_again_is_given_up(
     """Newest checkpoint, older checkpoint, the journal alone, nothing: each has its trials."""
     first = run()
     first.hears(LinkDown("one"))
+    first.keeps_two()
     first.ends(keep=True)
     BREAKS_OVER.append("poison")
     known, aside = [], []
