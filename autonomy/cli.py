@@ -19,6 +19,7 @@ _VERBS = {
     "plan": Verb("autonomy.commands.plan", "make a plan without a boat"),
     "replay": Verb("autonomy.commands.replay", "run a recorded survey again and compare"),
     "export": Verb("autonomy.commands.export", "hand a recorded survey on as NetCDF, GeoJSON, MCAP and CSV"),
+    "ctl": Verb("autonomy.commands.ctl", "command a vehicle from ashore, and hear what became of it"),
     "shore": Verb("autonomy.shore.cli", "the other end of the link: watch a vehicle"),
 }
 

@@ -11,18 +11,25 @@ from typing import Any
 
 from autonomy import jobs
 from autonomy.budget import Reading, Stage
-from autonomy.config import BudgetSection, Configuration
+from autonomy.config import Configuration
 from autonomy.course import Course
-from autonomy.effects import Effect, Level, SendMessage, StartJob
-from autonomy.events import Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived, StopRequested
+from autonomy.directives import Directives
+from autonomy.effects import Answer, Effect, Level, SendMessage, StartJob
+from autonomy.events import (
+    CommandReceived,
+    Event,
+    JobFailed,
+    JobFinished,
+    LinkDown,
+    LinkUp,
+    MessageReceived,
+    StopRequested,
+)
 from autonomy.exploration import Decision, Exploration, Figures, Trigger
 from autonomy.geometry import FloatArray
 from autonomy.helm import Helm
 from autonomy.homeward import Homeward, Sailing
-from autonomy.learning.capacity import Budget
-from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
-from autonomy.learning.transform import transform_of
 from autonomy.mavlink.authority import Command
 from autonomy.mavlink.safeguards import Safeguards
 from autonomy.mavlink.telemetry import Observation
@@ -33,6 +40,7 @@ from autonomy.planning.planners import PlanRequest
 from autonomy.planning.survey import SurveyArea
 from autonomy.reporting import Reporter, Status
 from autonomy.sampling import TOO_CLOSE, Sample, SampleGate
+from autonomy.schooling import make_learner
 from autonomy.seaway import Seaway
 from autonomy.situation import Situation
 
@@ -63,7 +71,7 @@ class Core:
         self._safeguards: Safeguards | None = None
         self._helm = Helm(configuration, survey.frame)
         self._gate = SampleGate(survey, configuration)
-        self._learner = _learner(configuration, survey)
+        self._learner = make_learner(configuration, survey)
         self._repairs_told = 0
         self._exploration = Exploration(configuration.exploration)
         self._reporter = Reporter(configuration, survey, self._helm.telemetry, self._learner)
@@ -71,6 +79,16 @@ class Core:
         self._homeward = Homeward(configuration, survey)
         self._situation = Situation(
             self._helm, self._seaway, self._homeward, self._reporter, configuration.sensor.message_name
+        )
+        self._directives = Directives(
+            configuration,
+            survey.frame,
+            self._helm,
+            self._seaway,
+            self._homeward,
+            self._course,
+            self._situation,
+            self._reporter,
         )
         self._effects: list[Effect] = []
         self._job: _Job | None = None
@@ -102,11 +120,13 @@ class Core:
             case LinkDown(reason):
                 self._helm.link_changed()
                 self._reporter.log(Level.WARNING, f"link to the vehicle is gone: {reason}")
+            case CommandReceived():
+                self._send(self._directives.take(event, stopping=self._stopping))
             case StopRequested():
                 self._stop(now)
         if not self._stopping and (news or now >= self.next_deadline()):
             self._step(now)
-        effects = self._effects + self._reporter.take()
+        effects = self._effects + self._reporter.take() + self._directives.answers()
         self._effects = []
         return effects
 
@@ -126,7 +146,11 @@ class Core:
     @property
     def milestones(self) -> int:
         """Grows when something has been decided that the next run has to know to recognise what is on board."""
-        return self._helm.dispatch.milestones
+        return self._helm.dispatch.milestones + self._directives.milestones
+
+    def report(self, command: CommandReceived) -> Answer:
+        """How things are, for somebody ashore who asks no more than that."""
+        return self._directives.report(command)
 
     @property
     def safeguards(self) -> Safeguards | None:
@@ -302,6 +326,7 @@ class Core:
         self._watch_budget(now)
         self._look(now)
         self._watch_course(now)
+        self._follow_directives(now)
         decision = self._decide(now)
         if decision is not None:
             self._start(now, decision)
@@ -357,7 +382,7 @@ class Core:
         """Mind what distance, time and energy are left; turn the vessel homeward when they ask for it."""
         helm, homeward = self._helm, self._homeward
         vehicle, active = helm.state, helm.dispatch.active
-        if not homeward.is_limited or vehicle is None or helm.position_m is None:
+        if not homeward.is_minded or vehicle is None or helm.position_m is None:
             return
         homeward.told_home(
             None if vehicle.home_deg is None else self._survey.frame.to_local(*vehicle.home_deg)
@@ -386,6 +411,13 @@ class Core:
         if self._homeward.may_be_sent_home:
             self._helm.authority.return_cause = self._homeward.reason
 
+    def _follow_directives(self, now: float) -> None:
+        plan = self._directives.step(now)
+        if plan is not None:
+            self._bring_on_board(now, plan)
+        if self._directives.take_replan():
+            self._replan(Trigger.ASHORE)
+
     def _replan(self, trigger: Trigger) -> None:
         """A new plan is wanted as soon as one can be made; after one that failed, when its pause is over."""
         self._owed = Decision(trigger, False, trigger.value)
@@ -405,7 +437,7 @@ class Core:
             return None
         if helm.unread is not None or self._seaway.problem is not None or self._situation.is_lost(now):
             return None
-        if self._homeward.reason and helm.authority.survey_started:
+        if (self._homeward.reason or self._situation.wish is not None) and helm.authority.survey_started:
             return None
         if helm.dispatch.active is None or not helm.authority.survey_started:
             return Decision(Trigger.FIRST_PLAN, False, Trigger.FIRST_PLAN.value)
@@ -494,33 +526,3 @@ class Core:
             distance_m=self._helm.distance_m,
             quality=self._gate.quality.counts,
         )
-
-
-def _learner(configuration: Configuration, survey: SurveyArea) -> Learner:
-    model = configuration.model
-    given = model.hyperparameters
-    return Learner(
-        survey.span_m,
-        capacity=model.capacity,
-        novelty=model.novelty,
-        jitter=model.jitter,
-        centring_samples=model.centring_samples,
-        history_cells=model.history_cells,
-        hyperparameters=None
-        if given is None
-        else Hyperparameters(given.signal_variance, given.noise_variance, given.lengthscales_m),
-        area_m2=survey.area_m2,
-        budget=Budget(model.memory_mb, model.update_us),
-        transform=transform_of(configuration.sensor),
-        budget_m=_longest_m(configuration.budget),
-    )
-
-
-def _longest_m(section: BudgetSection) -> float | None:
-    """How far the survey can go, as far as that is known beforehand; None: without end."""
-    limits = [section.distance_m]
-    if section.duration_s is not None:
-        limits.append(section.duration_s * section.speed_mps)
-    if section.energy_wh is not None and section.consumption_j_per_m is not None:
-        limits.append(3600.0 * section.energy_wh / section.consumption_j_per_m)
-    return min((limit for limit in limits if limit is not None), default=None)

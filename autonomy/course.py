@@ -5,6 +5,7 @@ departure: where the vessel will be by then, as far along its present route as t
 there is frozen, and what comes after is the remainder, which the new plan replaces if it is worth it.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,9 @@ from autonomy.planning.passage import Unreachable
 from autonomy.planning.plan import Plan
 from autonomy.reporting import Reporter
 from autonomy.seaway import Seaway, is_free_of_land
+
+LEG = "leg"
+"""The planner of a plan that is nothing but the leg being sailed."""
 
 LEG_WATCH_S = 0.2
 """How often the leg being sailed is held against the land; a check takes microseconds."""
@@ -152,6 +156,26 @@ class Course:
         self._offered = (now, plan)
         self._longest_m = max(self._longest_m, plan.length_m)
         self._helm.offer(plan)
+
+    def leg(self, reason: str) -> Plan | None:
+        """The leg being sailed alone, to be sailed in place of the plan; None if nothing comes after it anyway."""
+        rest = self._rest()
+        if rest is None or self._helm.path_finished or len(rest.route_m) < 2:
+            return None
+        return replace(
+            rest,
+            route_m=rest.route_m[:1],
+            is_spot=rest.is_spot[:1],
+            home_corners=0,
+            planner=LEG,
+            reason=reason,
+            # What the whole plan promised is not what this promises.
+            mutual_information=math.nan,
+            objective_before=None,
+            objective_after=None,
+            expected_rmse=None,
+            rejected=(),
+        )
 
     def watch(self, now: float) -> Alarm | None:
         """A mission is sailed from wherever the vessel is when it takes it up: see that no land lies in between.

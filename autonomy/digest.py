@@ -55,7 +55,7 @@ __all__ = [
 
 MAXIMUM_BYTES = 340
 VERSION = 1
-STATES = ("waiting for vehicle", "exploring", "yielded", "returning", "finished", "observing")
+STATES = ("waiting for vehicle", "exploring", "yielded", "returning", "finished", "observing", "paused")
 """What the service may be doing, as `autonomy.situation.State` says it, in the order of their numbers here."""
 
 _TEXTS = (("vehicle", 16), ("mode", 10), ("units", 10))

@@ -59,4 +59,44 @@ class Log:
     text: str
 
 
-Effect = SendMessage | StartJob | Publish | Log
+class Outcome(Enum):
+    """What became of a command from ashore."""
+
+    DONE = "done"
+    REFUSED = "refused"
+    EXPIRED = "expired"
+    """Nothing was done: by the vehicle's clock it is too late, or not yet time."""
+    BUSY = "busy"
+    """Nothing was done: there are too many commands; the same may be asked for again."""
+    UNKNOWN = "unknown"
+    """An earlier run of the software may have carried it out."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to a command from ashore.
+
+    Attributes:
+        command_id: the command's.
+        verb: what was wanted.
+        outcome: what became of it.
+        text: what was done, or why not.
+        state: what the service was doing after it, as health has it.
+        reason: why.
+        mode: the autopilot's.
+        armed: whether the vehicle was.
+        utc_s: the clock on board, when the command came.
+    """
+
+    command_id: bytes
+    verb: str
+    outcome: Outcome
+    text: str
+    state: str
+    reason: str
+    mode: str
+    armed: bool
+    utc_s: float
+
+
+Effect = SendMessage | StartJob | Publish | Log | Answer

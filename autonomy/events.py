@@ -49,4 +49,32 @@ class StopRequested:
     """The service is asked to stop; the core says its last words."""
 
 
-Event = LinkUp | LinkDown | MessageReceived | JobFinished | JobFailed | DeadlineReached | StopRequested
+@dataclass(frozen=True)
+class CommandReceived:
+    """Somebody ashore who may command wants something done.
+
+    Attributes:
+        command_id: equal for repetitions of the same command, and for nothing else.
+        verb: one of `autonomy.wire_commands.VERBS`.
+        issued_utc_s: when it was issued, seconds since 1970.
+        valid_s: it is to be carried out within so many seconds, or not at all.
+        received_utc_s: when it came, by the clock of the computer on board.
+    """
+
+    command_id: bytes
+    verb: str
+    issued_utc_s: float
+    valid_s: float
+    received_utc_s: float
+
+
+Event = (
+    LinkUp
+    | LinkDown
+    | MessageReceived
+    | JobFinished
+    | JobFailed
+    | DeadlineReached
+    | StopRequested
+    | CommandReceived
+)

@@ -30,6 +30,7 @@ class Trigger(Enum):
     RESUMED = "the service was away"
     LAND = "land lay before the boat"
     ROOM = "more is left than the way home takes"
+    ASHORE = "asked for from ashore"
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ spent:
     critical         the way home from here is not within u: it eats the reserve
 
 A vessel that turns home with much more left than it needs (its guess was wrong) gets another plan.
+
+People ashore may send it home as well, with a budget or without.
 """
 
 import math
@@ -90,6 +92,7 @@ class Homeward:
         self._turned_m = 0.0
         self._ended: Plan | None = None
         self._disarmed = False
+        self._order = ""
         self._said: set[str] = set()
         self._notes: list[Note] = []
         self.budget = Budget(section)
@@ -110,10 +113,41 @@ class Homeward:
         """Whether there is any budget to mind."""
         return self.budget.is_limited
 
+    @property
+    def is_minded(self) -> bool:
+        """Whether the way home matters at all: there is a budget, or the vessel was sent home."""
+        return self.is_limited or bool(self._order)
+
+    @property
+    def is_sent(self) -> bool:
+        """Whether the vessel goes home for no other reason than that it was sent."""
+        return bool(self._order) and self.reason == self._order
+
+    @property
+    def knows_home(self) -> bool:
+        """Whether there is any place to go home to."""
+        return any(home is not None for home in (self._fixed_m, self._told_m, self._begun_m))
+
     def take_notes(self) -> list[Note]:
         """What happened since the last call, for the log."""
         notes, self._notes = self._notes, []
         return notes
+
+    def begins_at(self, point_m: FloatArray) -> None:
+        """Without a budget nothing is counted, but where the survey began, shape (2,), is kept."""
+        if self._begun_m is None and not self.is_limited:
+            self._begun_m = point_m
+
+    def send(self, reason: str) -> None:
+        """Home at once, for a reason of somebody ashore; no more plans."""
+        self._order, self._due_s = reason, 0.0
+        self.reason, self.is_returning = self.reason or reason, True
+
+    def call_off(self) -> None:
+        """Whoever sent the vessel home does not want it any more; the budget may."""
+        if self.reason == self._order:
+            self.reason, self.is_returning = "", False
+        self._order = ""
 
     def told_home(self, home_m: FloatArray | None) -> None:
         """Where the autopilot's home is, shape (2,)."""
@@ -132,7 +166,7 @@ class Homeward:
             self.is_finished = self._disarmed = self.has_room = self.is_returning = self.may_be_sent_home = (
                 False
             )
-            self.stage, self.reason, self._begun_m = Stage.FINE, "", None
+            self.stage, self.reason, self._order, self._begun_m = Stage.FINE, "", "", None
         if self._begun_m is None:
             self._begun_m = reading.point_m
             self.budget.begin()
@@ -202,14 +236,15 @@ class Homeward:
         Raises:
             Unreachable: there is no way home.
         """
-        if not self.is_limited or self.is_finished or not self.budget.has_begun:
+        if self.is_finished or not (self._order or (self.is_limited and self.budget.has_begun)):
             return None
         if sailing.plan is self._ended:
             return None  # of the survey before this one
         if sailing.is_finished and sailing.plan.home_corners:
             self.is_finished, self.has_room, self._ended = True, False, sailing.plan
             self.reason = self.reason or "the budget is sailed"
-            self._note(f"home: {self.budget.said() or 'the battery'} left beside the reserve")
+            left = f"{self.budget.said() or 'the battery'} left beside the reserve"
+            self._note(f"home: {left}" if self.is_limited else "home")
             return None
         if time_s < self._due_s:
             return None

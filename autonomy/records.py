@@ -11,7 +11,7 @@ from typing import Any
 import cbor2
 
 from autonomy import structure
-from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob
+from autonomy.effects import Answer, Effect, Log, Publish, SendMessage, StartJob
 from autonomy.events import Event, MessageReceived
 from autonomy.mavlink.codec import Codec
 from autonomy.structure import Fingerprint, StructureError
@@ -149,6 +149,8 @@ def gist(effect: Effect) -> Gist:
             return _of("publish", topic.value, payload)
         case Log(level, text):
             return _of("log", f"{level.name.lower()} {text}", None)
+        case Answer(_, verb, outcome, text):
+            return _of("answer", f"{verb} {outcome.value}: {text}", effect)
 
 
 def _of(kind: str, label: str, value: Any) -> Gist:

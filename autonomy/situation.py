@@ -26,6 +26,15 @@ class State(Enum):
     RETURNING = "returning"
     FINISHED = "finished"
     OBSERVING = "observing"
+    PAUSED = "paused"
+
+
+class Wish(Enum):
+    """What people ashore have asked for and what lasts; the value is how it is said to a person."""
+
+    PAUSE = "paused from ashore"
+    FINISH = "the last path, as was asked for from ashore"
+    RETURN = "sent home from ashore"
 
 
 _STATES = {
@@ -60,6 +69,8 @@ class Situation:
         """Whether the autopilot is heard."""
         self.may_upload = False
         """Whether a plan may be brought on board."""
+        self.wish: Wish | None = None
+        """What people ashore have asked for; while there is any, nothing is planned."""
 
     def heard_reading(self, now: float) -> None:
         """The probe has said a number."""
@@ -82,7 +93,7 @@ class Situation:
     @property
     def wants_plans(self) -> bool:
         """Whether a plan that is ready now may still be brought on board, or may be once the mission there is read."""
-        if self.state is State.YIELDED or not self.in_touch:
+        if self.state is State.YIELDED or not self.in_touch or self.wish is not None:
             return False
         return self.may_upload or self._helm.authority.on_board is OnBoard.UNREAD
 
@@ -116,6 +127,11 @@ class Situation:
             return State.FINISHED, self._homeward.reason
         if self._homeward.is_returning:
             return State.RETURNING, self._homeward.reason or "the way home is what is left of the budget"
+        if self.wish is Wish.PAUSE:
+            sails = "" if self._helm.path_finished else ": the boat sails its leg to the end, and stays there"
+            return State.PAUSED, f"{Wish.PAUSE.value}{sails}"
+        if self.wish is Wish.FINISH:
+            reason += f", {Wish.FINISH.value}"
         if self.is_deaf(now) and not self.is_lost(now):
             reason += f", but no reading named {self._message_name} comes in"
         return State.EXPLORING, reason

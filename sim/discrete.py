@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy import jobs
 from autonomy.core import Core
-from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob, Topic
+from autonomy.effects import Answer, Effect, Log, Publish, SendMessage, StartJob, Topic
 from autonomy.events import DeadlineReached, Event, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived
 from autonomy.mavlink.codec import Codec
 from autonomy.mavlink.signing import Signing, SigningKey
@@ -52,6 +52,7 @@ class DiscreteRun:
         log: lines of the core's log, with their time.
         published: what went ashore, by topic, in order.
         sent: what the core sent to the vehicle, with its time.
+        answers: to commands from ashore, in order.
     """
 
     core: Core
@@ -68,6 +69,7 @@ class DiscreteRun:
     log: list[tuple[float, str]] = field(default_factory=list)
     published: dict[Topic, list[Any]] = field(default_factory=lambda: {topic: [] for topic in Topic})
     sent: list[tuple[float, Any]] = field(default_factory=list)
+    answers: list[Answer] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._router = Router(self.autopilot, self._new_signing())
@@ -206,6 +208,8 @@ class DiscreteRun:
                 self.published[topic].append(payload)
             case Log(_, text):
                 self.log.append((self.now, text))
+            case Answer():
+                self.answers.append(effect)
 
     def _done(self, job_id: int, name: str, request: Any) -> Event:
         try:

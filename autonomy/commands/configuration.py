@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from autonomy.config import ConfigurationError, Loaded, Origin, Problem, load_with_origins
+from autonomy.config.file import KeyPath
 from autonomy.config.problems import Source
 from autonomy.planning.survey import SurveyArea, SurveyError, read_survey
 
@@ -27,13 +28,13 @@ def add_override_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def load_with_survey(file: str, overrides: list[str]) -> tuple[Loaded, SurveyArea]:
-    """Read a configuration and the files of polygons and depths that it names; its signing key is tried too.
+    """Read a configuration and the files of polygons and depths that it names; its secrets are tried too.
 
     Raises:
         ConfigurationError: one of them can't be used.
     """
     loaded = load_with_origins(file, overrides=overrides)
-    _try_key(loaded, file)
+    _try_keys(loaded, file)
     try:
         return loaded, read_survey(loaded.configuration.survey)
     except SurveyError as error:
@@ -71,19 +72,28 @@ def _override(text: str) -> str:
     return text
 
 
-def _try_key(loaded: Loaded, file: str) -> None:
-    """ConfigurationError if the signing key that is named can't be used."""
-    section = loaded.configuration.mavlink.signing
-    if section.key_file is None:
-        return
-    from autonomy.mavlink.signing import KeyFileError, read_key
+def _try_keys(loaded: Loaded, file: str) -> None:
+    """ConfigurationError if the signing key or the token that is named can't be used."""
+    configuration = loaded.configuration
+    if configuration.mavlink.signing.key_file is not None:
+        from autonomy.mavlink.signing import KeyFileError, read_key
 
-    try:
-        read_key(section, os.environ)
-    except KeyFileError as error:
-        path = ("mavlink", "signing", "key_file")
-        origin = loaded.origins.get(path, Origin(Source.FILE, file))
-        raise ConfigurationError([Problem(origin, ".".join(path), str(error))]) from None
+        try:
+            read_key(configuration.mavlink.signing, os.environ)
+        except KeyFileError as error:
+            raise _key_problem(loaded, file, ("mavlink", "signing", "key_file"), error) from None
+    if configuration.shore.commands.token_file is not None:
+        from autonomy.wire_commands import TokenError, read_token
+
+        try:
+            read_token(configuration.shore.commands.token_file, os.environ)
+        except TokenError as error:
+            raise _key_problem(loaded, file, ("shore", "commands", "token_file"), error) from None
+
+
+def _key_problem(loaded: Loaded, file: str, path: KeyPath, error: ValueError) -> ConfigurationError:
+    origin = loaded.origins.get(path, Origin(Source.FILE, file))
+    return ConfigurationError([Problem(origin, ".".join(map(str, path)), str(error))])
 
 
 def _survey_problem(loaded: Loaded, file: str, error: SurveyError) -> Problem:

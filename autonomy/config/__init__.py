@@ -28,6 +28,7 @@ from autonomy.config.sections.readings import QualitySection, SamplingSection, S
 from autonomy.config.sections.section import Section
 from autonomy.config.sections.service import (
     CheckpointSection,
+    CommandsSection,
     JournalSection,
     LoggingSection,
     ShoreSection,
@@ -43,6 +44,7 @@ __all__ = [
     "BudgetSection",
     "Candidate",
     "CheckpointSection",
+    "CommandsSection",
     "Configuration",
     "ConfigurationError",
     "EstimationSection",

@@ -14,9 +14,10 @@ from typing import Any
 from autonomy.charting import CORNERS, fence_rings, survey_notice
 from autonomy.config import Configuration, ShoreSection
 from autonomy.core import Core
-from autonomy.effects import Effect, Log, Publish, SendMessage, StartJob, Topic
+from autonomy.effects import Answer, Effect, Log, Publish, SendMessage, StartJob, Topic
 from autonomy.endpoints import Certificates
 from autonomy.events import (
+    CommandReceived,
     DeadlineReached,
     Event,
     JobFailed,
@@ -30,6 +31,7 @@ from autonomy.mavlink.codec import Codec
 from autonomy.mavlink.safeguards import Safeguards
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell.certificate import doubt
+from autonomy.shell.command_desk import CommandDesk
 from autonomy.shell.journal import Journal
 from autonomy.shell.publisher import Publisher
 from autonomy.shell.resumption import Continuity
@@ -38,6 +40,7 @@ from autonomy.shell.systemd import Notifier
 from autonomy.shell.transport import Transport
 from autonomy.shell.worker import Worker
 from autonomy.wire import HealthNotice, PlanNotice
+from autonomy.wire_commands import STATUS, read_token
 
 log = logging.getLogger("autonomy")
 
@@ -88,6 +91,14 @@ class Daemon:
         signing = None if signed_link is None else signed_link.signing
         self._codec = Codec(_PROVISIONAL_SYSTEM_ID, configuration.mavlink.component_id, signing)
         shore = configuration.shore
+        token_file = shore.commands.token_file
+        self._desk = CommandDesk(
+            configuration.vehicle.name,
+            accepted=shore.commands.accepted,
+            token=None if token_file is None else read_token(token_file, os.environ),
+            journal=journal,
+            fresh=continuity is None or continuity.resumed is None,
+        )
         self._publisher = Publisher(
             configuration.vehicle.name,
             shore.connect,
@@ -96,6 +107,7 @@ class Daemon:
             precision=shore.precision,
             rate_limit_bytes_per_s=shore.rate_limit_bytes_per_s,
             digest_period_s=DIGEST_EVERY * shore.health_period_s,
+            on_command=self._desk.take,
         )
         self._certificate = (configuration.vehicle.name, shore.tls.certificate, shore.tls.private_key)
         self._certificate_doubt = doubt(*self._certificate)
@@ -136,6 +148,7 @@ class Daemon:
             )
             self._notifier.ready()
             self._happened(DeadlineReached())
+            self._desk.start(lambda command: loop.call_soon_threadsafe(self._commanded, command))
             self._feed_watchdog()
             self._keep_regularly(first=True)
             self._tend_signing()
@@ -179,6 +192,7 @@ class Daemon:
         if self._transport is not None:
             await self._transport.close()
         await self._worker.close()
+        await asyncio.to_thread(self._desk.close)
         await asyncio.to_thread(self._publisher.stop)
         if self._continuity is not None:
             ended = self._ended
@@ -211,6 +225,13 @@ class Daemon:
 
     def _job_failed(self, job_id: int, reason: str) -> None:
         self._happened(JobFailed(job_id, reason))
+
+    def _commanded(self, command: CommandReceived) -> None:
+        """Somebody ashore who may wants something done, or only wants to know."""
+        if command.verb == STATUS:
+            self._desk.answered(self._core.report(command))
+        else:
+            self._happened(command)
 
     def _happened(self, event: Event) -> None:
         """Bring one event to the core and do what it asks; the end of this service if the core raises."""
@@ -291,6 +312,8 @@ class Daemon:
                 self._publisher.publish(topic, replace(plan, utc_s=self._core.utc_s))
             case Publish(topic, payload):
                 self._publisher.publish(topic, payload)
+            case Answer():
+                self._desk.answered(effect)
             case Log(level, text):
                 log.log(level.value, "%s", text)
 
@@ -302,9 +325,12 @@ class Daemon:
             utc_s=self._core.utc_s,
             dropped=sum(ashore.dropped.values()),
             journal=self._journal_trouble(),
-            security="" if self._signed_link is None else self._signed_link.report,
+            security="; ".join(filter(None, (self._link_report(), self._desk.report))),
             shore="; ".join(filter(None, (ashore.trouble, self._certificate_doubt))),
         )
+
+    def _link_report(self) -> str:
+        return "" if self._signed_link is None else self._signed_link.report
 
     def _tell_fence(self) -> None:
         """The chart again, when the autopilot's fence has become known."""

@@ -5,7 +5,7 @@ import math
 import secrets
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,6 +18,7 @@ from autonomy.learning.snapshot import Precision
 from autonomy.shell.outbox import Outbox
 from autonomy.shell.questions import Questions, encoding
 from autonomy.shell.rate_limit import RateLimit
+from autonomy.wire_commands import command_key
 from autonomy.zenoh_session import zenoh_config
 
 log = logging.getLogger(__name__)
@@ -104,6 +105,7 @@ class Publisher:
             goes as it comes.
         digest_period_s: time between two digests.
         certificates: for routers dialled by tls/… or quic/….
+        on_command: is given what somebody asks of `usv/<vehicle>/command`, in zenoh's thread; None: nobody is.
 
     Raises:
         ValueError: an endpoint isn't one.
@@ -118,6 +120,7 @@ class Publisher:
         precision: Precision = "16 bit",
         rate_limit_bytes_per_s: float | None = None,
         digest_period_s: float = 60.0,
+        on_command: Callable[[zenoh.Query], None] | None = None,
     ) -> None:
         if not wire.VEHICLE_NAME.fullmatch(vehicle):
             raise ValueError(f"vehicle name must match {wire.VEHICLE_NAME.pattern} (got {vehicle!r})")
@@ -132,6 +135,7 @@ class Publisher:
         limit = RateLimit(rate_limit_bytes_per_s)
         self._outbox = Outbox(run, backlog, _LINES, precision, limit)
         self._questions = Questions(vehicle, self._outbox, limit)
+        self._on_command = on_command
         self._digest_period_s = digest_period_s
         self._digested_s = -math.inf
         self._stopping = False
@@ -246,6 +250,9 @@ class Publisher:
 
     def _asked_for(self, query: zenoh.Query) -> None:
         """Somebody asks; runs in zenoh's thread."""
+        if self._on_command is not None and str(query.key_expr) == command_key(self._vehicle):
+            self._on_command(query)
+            return
         self._asked += 1
         self._questions.add(query)
         with self._changed:

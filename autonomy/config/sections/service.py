@@ -46,6 +46,26 @@ class TlsSection(Section):
             yield Conflict((missing, given), what, "both certificate and private_key, or neither")
 
 
+class CommandsSection(Section):
+    """Commands from ashore (`autonomy ctl`): off, unless one of these says who may give them."""
+
+    token_file: SecretPath | None = Field(
+        default=None,
+        description="file with the secret that commands must be sealed with, at least 16 bytes; only its owner may "
+        "read it; null: commands need no seal",
+    )
+    trust_router: bool = Field(
+        default=False,
+        description="whether the routers' access control lets commands of operators through and no others (see "
+        "config/router.json5), so that they need no seal",
+    )
+
+    @property
+    def accepted(self) -> bool:
+        """Whether anybody may command."""
+        return self.token_file is not None or self.trust_router
+
+
 ByteRate = Annotated[float, Field(ge=50, le=10_000_000, allow_inf_nan=False)]
 
 
@@ -76,10 +96,19 @@ class ShoreSection(Section):
         "first; null: there is no limit",
         json_schema_extra={"unit": "bytes/s"},
     )
+    commands: CommandsSection = CommandsSection()
     tls: TlsSection = TlsSection()
 
     def conflicts(self) -> Iterator[Conflict]:
-        """Certificates protect nothing on a way that does not use them."""
+        """Certificates protect nothing on a way that does not use them, and access control goes by certificates."""
+        if self.commands.trust_router:
+            key = "commands.trust_router"
+            if self.tls.certificate is None:
+                what = "is of no use without shore.tls.certificate: a router that knows nobody lets everybody through"
+                yield Conflict((key, "tls.certificate"), what, "shore.tls with certificate and private_key")
+            elif not all(map(is_encrypted, self.connect)):
+                what = "is of no use: not every locator in shore.connect begins with tls/ or quic/"
+                yield Conflict((key, "connect"), what, "locators such as tls/shore.example.org:7447")
         if self.tls.certificate is not None and not any(map(is_encrypted, self.connect)):
             what = "is of no use: no locator in shore.connect begins with tls/ or quic/"
             yield Conflict(

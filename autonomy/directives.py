@@ -1,0 +1,290 @@
+"""What people ashore may ask for, and what becomes of it: `start`, `pause`, `resume`, `replan`, `finish`, `return`.
+
+Theory of operation. A directive never takes the boat: it changes what we do with it while it is ours. Whether it is
+ours the authority's table says alone, so that the boat's own mode switch goes before every directive:
+
+    the operator or a failsafe has the boat    everything is refused, and he gives it back by selecting AUTO
+    he has taken it and given it back          what stood (pause, finish, return) is over: he has decided otherwise
+    the budget brings it home                  it stays so; nothing is paused or resumed
+
+What lasts is a wish, which `step` sees carried out, again if need be: pause (no plans; the mission on board is cut to
+the leg being sailed), finish (no plans; at the end of the present path home), return (home at once). The newest
+replaces the one before, `resume` ends it.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from autonomy.command_memory import CommandMemory
+from autonomy.config import Configuration
+from autonomy.course import Course
+from autonomy.effects import Answer, Level, Outcome
+from autonomy.events import CommandReceived
+from autonomy.geometry import LocalFrame
+from autonomy.helm import Helm
+from autonomy.homeward import Homeward
+from autonomy.mavlink.authority import AUTO, Command, OnBoard, mode_name
+from autonomy.planning.passage import Unreachable
+from autonomy.planning.plan import Plan
+from autonomy.reporting import Reporter
+from autonomy.seaway import Seaway
+from autonomy.situation import Situation, Wish
+
+AGAIN_S = 30.0
+"""Pause before a leg that did not come on board is sent again."""
+
+_Verdict = tuple[bool, str]
+"""Whether it is done, and what was done or why not."""
+
+
+class Directives:
+    """See the module's description. All that it is given belongs to the core."""
+
+    def __init__(
+        self,
+        configuration: Configuration,
+        frame: LocalFrame,
+        helm: Helm,
+        seaway: Seaway,
+        homeward: Homeward,
+        course: Course,
+        situation: Situation,
+        reporter: Reporter,
+    ) -> None:
+        self._mode = configuration.authority.mode
+        self._frame = frame
+        self._helm, self._seaway, self._homeward = helm, seaway, homeward
+        self._course, self._situation, self._reporter = course, situation, reporter
+        self._memory = CommandMemory()
+        self._answers: list[tuple[CommandReceived, Outcome, str]] = []
+        self._repeated: list[Answer] = []
+        self._away = False
+        self._not_before = 0.0
+        self._replan = False
+        self.milestones = 0
+        """How many commands were answered for good: worth remembering at once."""
+
+    def take(self, command: CommandReceived, *, stopping: bool) -> list[Any]:
+        """Carry out a command, unless it was before; returns messages to send. The answer follows by `answers`."""
+        known = self._memory.known(command)
+        if known is not None:
+            self._repeated.append(known)
+            return []
+        objection = self._memory.objection(command)
+        if objection is not None:
+            outcome, text = objection
+        else:
+            done, text = (False, "the service is stopping") if stopping else self._verdict(command.verb)
+            outcome = Outcome.DONE if done else Outcome.REFUSED
+        self._answers.append((command, outcome, text))
+        level = Level.INFO if outcome is Outcome.DONE else Level.WARNING
+        words = f"{command.verb} ({command.command_id.hex()[:8]}) is {outcome.value}: {text}"
+        self._reporter.log(level, f"command from ashore: {words}")
+        return self._helm.say(f"halocline: ashore: {command.verb}") if outcome is Outcome.DONE else []
+
+    def answers(self) -> list[Answer]:
+        """The answers to what was taken since the last call; they tell how things are now."""
+        told, self._repeated = self._repeated, []
+        for command, outcome, text in self._answers:
+            answer = replace(self.report(command), outcome=outcome, text=text)
+            if outcome is not Outcome.BUSY:
+                self._memory.remember(command, answer)
+                self.milestones += 1
+            told.append(answer)
+        self._answers.clear()
+        return told
+
+    def report(self, command: CommandReceived) -> Answer:
+        """How things are, as an answer to this; nothing changes."""
+        vehicle = self._helm.state
+        return Answer(
+            command_id=command.command_id,
+            verb=command.verb,
+            outcome=Outcome.DONE,
+            text="",
+            state=self._situation.state.name.lower(),
+            reason=self._situation.reason,
+            mode="unknown" if vehicle is None else mode_name(vehicle.mode),
+            armed=vehicle is not None and vehicle.armed,
+            utc_s=command.received_utc_s,
+        )
+
+    def take_replan(self) -> bool:
+        """Whether a new plan has been asked for since the last call."""
+        wanted, self._replan = self._replan, False
+        return wanted
+
+    def step(self, now: float) -> Plan | None:
+        """See that what was asked for is done; returns a plan to bring on board."""
+        helm, wish = self._helm, self._situation.wish
+        if helm.authority.in_command and helm.position_m is not None:
+            self._homeward.begins_at(helm.position_m)
+        if wish is None:
+            return None
+        if self._was_taken():
+            self._end("the operator has taken the boat and given it back")
+        elif self._homeward.reason and not self._homeward.is_sent:
+            if wish is not Wish.RETURN:
+                self._end(self._homeward.reason)
+        elif wish is Wish.FINISH and helm.path_finished:
+            self._homeward.send(Wish.FINISH.value)
+        elif wish is Wish.PAUSE:
+            return self._cut(now)
+        return None
+
+    def _was_taken(self) -> bool:
+        """Whether the boat was out of AUTO, or disarmed, since the wish was uttered, and is ours again."""
+        vehicle = self._helm.state
+        if vehicle is not None and (vehicle.mode != AUTO or not vehicle.armed):
+            self._away = True
+        return self._away and self._helm.authority.in_command
+
+    def _cut(self, now: float) -> Plan | None:
+        """The leg being sailed, if more than that is on board."""
+        helm = self._helm
+        damaged = helm.authority.on_board is OnBoard.DAMAGED
+        if helm.dispatch.busy or now < self._not_before or not helm.authority.in_command:
+            return None
+        leg = self._course.leg(Wish.PAUSE.value) if helm.sailing_ours or damaged else None
+        if leg is not None:
+            self._not_before = now + AGAIN_S
+        return leg
+
+    def _wish(self, wish: Wish | None) -> None:
+        if self._situation.wish is not wish:
+            self._homeward.call_off()
+        self._situation.wish = wish
+        self._away, self._not_before = False, 0.0
+
+    def _end(self, reason: str) -> None:
+        assert self._situation.wish is not None
+        text = f"{self._situation.wish.value}: that is over: {reason}"
+        self._reporter.log(Level.INFO, text)
+        self._wish(None)
+
+    # The verbs ------------------------------------------------------------------------------------------------
+
+    def _verdict(self, verb: str) -> _Verdict:
+        hindrance = self._hindrance()
+        if hindrance is not None:
+            return False, hindrance
+        verbs: dict[str, Callable[[], _Verdict]] = {
+            "start": self._start,
+            "pause": self._pause,
+            "resume": self._resume,
+            "replan": self._plan_anew,
+            "finish": self._finish,
+            "return": self._return,
+        }
+        return verbs[verb]()
+
+    def _hindrance(self) -> str | None:
+        """Why nothing at all can be asked of the boat now."""
+        if not self._situation.in_touch:
+            return self._situation.reason
+        if self._helm.authority.command is Command.OBSERVED:
+            return "we only look on: authority.mode is observe"
+        if self._helm.authority.command in (Command.YIELDED, Command.DISPLACED):
+            return f"the boat is not ours: {self._helm.authority.reason}"
+        return None
+
+    def _not_under_way(self) -> str | None:
+        """Why there is no survey to change."""
+        if not self._helm.authority.survey_started:
+            return f"the survey has not begun: {self._helm.authority.reason}"
+        if self._homeward.is_finished:
+            return "the survey has ended at home"
+        if self._helm.authority.command in (Command.SENT_HOME, Command.RETURNING):
+            return f"the autopilot brings the boat home: {self._helm.authority.reason}"
+        if self._homeward.is_returning and not self._homeward.is_sent:
+            return f"the boat goes home: {self._homeward.reason or 'the budget is sailed'}"
+        return None
+
+    def _start(self) -> _Verdict:
+        if self._homeward.is_finished:
+            return False, "the survey has ended at home: disarm the boat, and the next start begins another"
+        if self._helm.authority.survey_started:
+            return True, "it has been started already"
+        if self._mode == "missions":
+            return False, "authority.mode is missions: the operator arms the boat and selects AUTO"
+        return True, "the boat starts by itself, as soon as it can"
+
+    def _pause(self) -> _Verdict:
+        hindrance = self._not_under_way()
+        if hindrance is not None:
+            return False, hindrance
+        if self._homeward.is_returning:
+            return False, "the boat is on its way home as it was asked to: resume the survey first"
+        if self._situation.wish is Wish.PAUSE:
+            return True, "it is paused already"
+        self._wish(Wish.PAUSE)
+        return True, "nothing is planned any more; the boat sails its leg to the end, and stays there"
+
+    def _resume(self) -> _Verdict:
+        hindrance = self._not_under_way()
+        if hindrance is not None:
+            return False, hindrance
+        if self._situation.wish is None:
+            return True, "the survey goes on already"
+        ended = self._situation.wish.value
+        self._wish(None)
+        self._replan = True
+        return True, f"the survey goes on, from where the boat is (it was {ended})"
+
+    def _plan_anew(self) -> _Verdict:
+        authority = self._helm.authority
+        if authority.waits_on_board:
+            authority.ask_for_another()
+            return True, "another mission is put on board in place of the one that waits there"
+        hindrance = self._not_under_way()
+        if hindrance is not None:
+            return False, hindrance
+        if self._situation.wish is not None:
+            return False, f"nothing is planned: {self._situation.wish.value}; resume the survey first"
+        self._replan = True
+        return True, "a new plan is made"
+
+    def _finish(self) -> _Verdict:
+        if self._homeward.is_finished or (self._homeward.is_returning and not self._homeward.is_sent):
+            return True, f"it ends already: {self._homeward.reason}"
+        hindrance = self._not_under_way() or self._homeless()
+        if hindrance is not None:
+            return False, hindrance
+        if self._situation.wish is not Wish.RETURN:
+            self._wish(Wish.FINISH)
+            return True, "the present path is sailed to its end, and then the way home"
+        return True, "the boat is on its way home"
+
+    def _return(self) -> _Verdict:
+        if self._homeward.is_finished:
+            return True, "the boat is home"
+        if self._homeward.is_returning or self._helm.authority.command in (
+            Command.SENT_HOME,
+            Command.RETURNING,
+        ):
+            return (
+                True,
+                f"the boat is on its way home: {self._homeward.reason or self._helm.authority.reason}",
+            )
+        hindrance = self._not_under_way() or self._homeless()
+        if hindrance is not None:
+            return False, hindrance
+        self._wish(Wish.RETURN)
+        self._homeward.send(Wish.RETURN.value)
+        return True, "the boat goes home at once, over water"
+
+    def _homeless(self) -> str | None:
+        """Why there is no way home; None if there is one."""
+        vehicle, here_m = self._helm.state, self._helm.position_m
+        if vehicle is None or here_m is None:
+            return "nobody knows where the boat is"
+        if vehicle.home_deg is not None:
+            self._homeward.told_home(self._frame.to_local(*vehicle.home_deg))
+        if not self._homeward.knows_home:
+            return "nobody knows where home is: set budget.home"
+        try:
+            self._homeward.way(here_m, self._seaway.water)
+        except Unreachable as error:
+            return f"the way home is not known: {error}"
+        return None
