@@ -10,6 +10,7 @@ _VERBS = {
     "demo": Verb(
         "sim.demo_cli", "vessel, service and shore as three processes; a map is learned in two minutes"
     ),
+    "dry-run": Verb("sim.dry_run_cli", "a whole mission at the desk, with the boat's own configuration"),
     "mask": Verb("sim.mask_cli", "make the land polygons of a field as GeoJSON"),
     "experiment": Verb("sim.experiment.cli", "the paper's figures, and comparisons with other strategies"),
 }

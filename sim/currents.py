@@ -46,6 +46,20 @@ class Speeds:
 
 
 @dataclass(frozen=True)
+class TidalCurrent:
+    """A tide that runs to and fro, the same everywhere: strongest at first, and then towards `towards_deg`, true."""
+
+    speed_mps: float
+    towards_deg: float
+
+    def current(self, lat_deg: float, lon_deg: float, time_s: float) -> tuple[float, float]:
+        """Velocity of the water, east and north, in m/s."""
+        speed = self.speed_mps * math.cos(2.0 * math.pi * time_s / TIDE_S)
+        towards = math.radians(self.towards_deg)
+        return speed * math.sin(towards), speed * math.cos(towards)
+
+
+@dataclass(frozen=True)
 class StreamFunction:
     """ψ, m²/s, at the corners of square cells: its patterns have the shape (n, rows + 1, columns + 1)."""
 

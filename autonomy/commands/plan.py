@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from autonomy.commands.configuration import add_override_argument, doubts, load_with_survey, tell
-from autonomy.commands.places import place
+from autonomy.commands.places import launch_m, place
 from autonomy.config import Configuration, ConfigurationError
 from autonomy.geometry import FloatArray
 from autonomy.option_types import above_zero
@@ -227,17 +225,9 @@ def _start(
     configuration: Configuration, survey: SurveyArea, known: "Known", place: tuple[float, float] | None
 ) -> FloatArray:
     """Where the vessel begins, shape (2,)."""
-    if place is not None:
-        return survey.frame.to_local(*place)
-    if known.position_m is not None:
+    if place is None and known.position_m is not None:
         return known.position_m
-    if configuration.budget.home is not None:
-        return survey.frame.to_local(*configuration.budget.home)
-    sites = survey.candidate_sites(50, 50)
-    if not len(sites):
-        sites = np.array([survey.navigable.representative_point().coords[0]])
-    nearest: FloatArray = sites[int(np.argmin(np.hypot(*(sites - survey.bounds[:2]).T)))]
-    return nearest
+    return launch_m(configuration, survey, place)
 
 
 def _painter() -> Callable[..., None] | None:
