@@ -144,6 +144,8 @@ def _compute_many(
             except Exception as error:  # noqa: BLE001 -- a cluster has many ways to lose a cell; each is its outcome
                 outcome = Failure(f"lost by the cluster: {type(error).__name__}: {error}")
             keep(task, outcome)
+        # A cluster keeps what somebody may still ask for, and computes it once more if a worker is lost.
+        del future
 
 
 def _is_kept(task: Task, store: CellFolder) -> bool:
