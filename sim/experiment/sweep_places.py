@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -72,6 +73,8 @@ def _dask(address: str) -> Iterator[Executor]:
         client = Client(address, timeout=_CONNECTING_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise SweepError(f"no Dask scheduler answers at {address}: {error}") from error
+    if not client.scheduler_info()["workers"]:
+        print(f"the scheduler at {address} has no workers yet: waiting for some", file=sys.stderr)
     executor = client.get_executor(pure=False)
     try:
         yield executor
