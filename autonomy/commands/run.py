@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         loaded, survey = load_with_survey(arguments.config, arguments.overrides)
     except ConfigurationError as error:
         return tell(error)
-    _log_to_stderr(loaded.configuration.logging.level)
+    log_to_stderr(loaded.configuration.logging.level)
     # The hung line is what one wants to know when the watchdog strikes with SIGABRT.
     faulthandler.enable()
     # zenoh and the learner take a while to import: a wrong configuration is told before.
@@ -83,7 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _log_to_stderr(level: str) -> None:
+def log_to_stderr(level: str) -> None:
+    """Have everything from this level on written to standard error, as the journal of systemd likes it."""
     handler = logging.StreamHandler(sys.stderr)
     in_journal = "JOURNAL_STREAM" in os.environ
     handler.setFormatter(

@@ -43,9 +43,14 @@ def keys(model: type[BaseModel], path: tuple[str, ...] = ()) -> Iterator[KeyRefe
 def field_at(model: type[BaseModel], path: tuple[str | int, ...]) -> FieldInfo | None:
     """The field at this path of names; None if the tree has no such key."""
     field: FieldInfo | None = None
+    named = False
     for part in path:
         if not isinstance(part, str):
             return field
+        if field is not None and not named and get_origin(field.annotation) is dict:
+            named = True  # a mapping of sections: its own keys are names that people choose
+            continue
+        named = False
         section: type[BaseModel] | None = model if field is None else section_of(field)
         field = section.model_fields.get(part) if section is not None else None
         if field is None:
