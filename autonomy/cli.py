@@ -16,6 +16,7 @@ _VERBS = {
     "show-config": Verb(
         "autonomy.commands.show_config", "show the configuration and where each value comes from"
     ),
+    "bridge": Verb("autonomy.commands.bridge", "make readings of an instrument's lines of text"),
     "plan": Verb("autonomy.commands.plan", "make a plan without a boat"),
     "replay": Verb("autonomy.commands.replay", "run a recorded survey again and compare"),
     "export": Verb("autonomy.commands.export", "hand a recorded survey on as NetCDF, GeoJSON, MCAP and CSV"),
