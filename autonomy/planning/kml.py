@@ -1,8 +1,9 @@
 """Polygons of KML and KMZ files, as Google Earth writes them.
 
-Taken are all Polygons, alone or in a MultiGeometry, in whatever folder, shown or hidden; their altitudes and
-styles are not looked at. Placemarks that are points are notes and are passed over; lines are refused, since
-whoever drew one may have meant the shore. The standard: OGC 12-007r2, KML 2.3.
+Taken are all Polygons, alone or in a MultiGeometry, in whatever folder, shown or hidden, and paths that end where they
+began; altitudes and styles are not looked at. Placemarks that are points are notes and are passed over. Other lines are
+refused, since whoever drew one may have meant the shore, and so are links to what is elsewhere, which may be land.
+The standard: OGC 12-007r2, KML 2.3.
 
 What a file can cost is bounded: by its size, by number and depth of its elements, and because document types, which
 could define entities that swell, are refused.
@@ -27,7 +28,10 @@ _DEEPEST = 50
 _MOST_ELEMENTS = 200_000
 _MOST_MEMBERS = 10_000
 _ORDER = "KML has the longitude first, then the latitude, then the altitude, without spaces"
-_LINES = frozenset({"LineString", "LinearRing", "Track", "MultiTrack"})
+_PATHS = frozenset({"LineString", "LinearRing"})
+"""Taken for polygons without holes where they are closed."""
+
+_TRACKS = frozenset({"Track", "MultiTrack"})
 _NAMED = frozenset({"Placemark", "Folder"})
 """Whose names tell what a polygon is; that of the document is only the file's."""
 
@@ -52,13 +56,12 @@ def kml_drawn(path: Path, data: bytes) -> list[Drawn]:
         At least one, with the names of its placemark and folders.
 
     Raises:
-        SurveyError: it is no KML, holds no polygon or one that is not valid, or a line.
+        SurveyError: it is no KML, holds no polygon or one that is not valid, a line that is not closed, or a link.
     """
     reader = _Reader(path)
     reader.read(data)
     if not reader.polygons:
-        linked = " (its NetworkLinks are not followed: save what they show)" if reader.has_links else ""
-        raise SurveyError(f"{path}: has no polygon in it{linked}; at least one Polygon is needed")
+        raise SurveyError(f"{path}: has no polygon in it; at least one Polygon is needed")
     return [
         Drawn(
             f"{path}:{element.line}",
@@ -111,7 +114,6 @@ class _Reader:
     def __init__(self, path: Path) -> None:
         self.polygons: list[tuple[_Element, list[_Element]]] = []
         """Each with the placemark and the folders round it, the innermost first."""
-        self.has_links = False
         self._path = path
         self._open: list[_Element] = []
         self._elements = 0
@@ -153,13 +155,16 @@ class _Reader:
                 f"has more than {_MOST_ELEMENTS} elements; leave out what is not near the survey"
             )
         within = self._polygon_depth is not None
-        if name in _LINES and not within:
+        if name in _TRACKS:
             raise self._mistake(f"holds a {name}; a closed Polygon is needed")
-        self.has_links |= name == "NetworkLink"
+        if name == "NetworkLink":
+            raise self._mistake(
+                "holds a NetworkLink, which is not followed: in Google Earth save what it shows as a file of its own"
+            )
         element = _Element(name, self._parser.CurrentLineNumber)
         if within:
             self._open[-1].inside.append(element)
-        elif name == "Polygon":
+        elif name == "Polygon" or name in _PATHS:
             self._polygon_depth = len(self._open)
             named = [each for each in reversed(self._open) if each.name in _NAMED]
             self.polygons.append((element, named))
@@ -182,6 +187,8 @@ class _Reader:
 
 def _polygon(path: Path, polygon: _Element) -> BaseGeometry:
     where = f"{path}:{polygon.line}"
+    if polygon.name in _PATHS:
+        return area_of([[_ring(path, polygon)]], where)
     outer, inner = polygon.all("outerBoundaryIs"), polygon.all("innerBoundaryIs")
     if len(outer) != 1:
         raise SurveyError(f"{where}: the Polygon has {len(outer)} outerBoundaryIs; exactly one is needed")
@@ -203,9 +210,11 @@ def _ring(path: Path, ring: _Element) -> list[Position]:
     where = f"{path}:{ring.line}"
     texts = ring.all("coordinates")
     if len(texts) != 1:
-        raise SurveyError(f"{where}: the LinearRing has {len(texts)} coordinates elements; one is needed")
+        raise SurveyError(f"{where}: the {ring.name} has {len(texts)} coordinates elements; one is needed")
     tuples = "".join(texts[0].text).split()
     positions = [_position(text, f"{where}, position {index}") for index, text in enumerate(tuples)]
+    if ring.name == "LineString" and (len(positions) < 4 or positions[0] != positions[-1]):
+        raise SurveyError(f"{where}: holds a path (LineString) that is not closed; a Polygon is needed")
     check_closed(positions, where)
     return positions
 
@@ -216,5 +225,5 @@ def _position(text: str, where: str) -> Position:
     except ValueError:
         numbers = []
     if len(numbers) not in (2, 3):
-        raise SurveyError(f"{where}: {shown(text)!r} is not longitude,latitude[,altitude]")
+        raise SurveyError(f"{where}: {shown(text)!r} is not longitude,latitude[,altitude] without spaces")
     return position(numbers[0], numbers[1], where, text, _ORDER)

@@ -1,7 +1,9 @@
 """QGroundControl's .plan files: the fence's zones, and the polygons of survey patterns.
 
 The format: https://docs.qgroundcontrol.com/master/en/qgc-dev-guide/file_formats/plan.html. Positions are
-[latitude, longitude], rings are open.
+[latitude, longitude], rings are open. A fence of version 1, before 2018, has one `polygon` that the vehicle is kept
+inside of; one of version 2 has `polygons` and `circles`, each an inclusion or an exclusion. Waypoints, rally points and
+the planned home are the autopilot's, and are not looked at.
 """
 
 from math import cos, pi
@@ -18,6 +20,7 @@ from autonomy.planning.rings import Drawn, Position, area_of, finite, position, 
 
 _ORDER = "a plan has the latitude first, then the longitude"
 _LARGEST_RADIUS_M = 200e3
+_FENCE_VERSIONS = (1, 2)
 _ARC_SEGMENTS = 16
 """Straight pieces per quarter of a circular zone."""
 
@@ -37,7 +40,8 @@ def survey_polygons(path: Path, content: dict[str, Any]) -> list[BaseGeometry]:
         return [each.shape for each in patterns]
     if not _zones(path, content, inclusion=True):
         raise SurveyError(
-            f"{path}: has neither a survey pattern nor an inclusion fence; draw one of them round the survey area"
+            f"{path}: has neither a survey pattern nor an inclusion fence{_other_patterns(content)}; "
+            "draw one of them round the survey area"
         )
     return inclusion_polygons(path, content)
 
@@ -86,20 +90,36 @@ def plan_drawn(path: Path, content: dict[str, Any]) -> list[Drawn]:
     drawn = [*_patterns(path, content), *zones[0], *zones[1]]
     if not drawn:
         raise SurveyError(
-            f"{path}: has neither a survey pattern nor a fence; draw one of them round the survey area"
+            f"{path}: has neither a survey pattern nor a fence{_other_patterns(content)}; "
+            "draw one of them round the survey area"
         )
     return drawn
 
 
 def _patterns(path: Path, content: dict[str, Any]) -> list[Drawn]:
-    mission = content.get("mission")
-    items = mission.get("items") if isinstance(mission, dict) else None
     wheres = {
         f"{path}: mission.items[{index}] (survey)": item.get("polygon")
-        for index, item in enumerate(items if isinstance(items, list) else [])
-        if isinstance(item, dict) and item.get("complexItemType") == "survey"
+        for index, item in _complex_items(content)
+        if item["complexItemType"] == "survey"
     }
     return [Drawn(where, _polygon(corners, where), role="area") for where, corners in wheres.items()]
+
+
+def _complex_items(content: dict[str, Any]) -> list[tuple[int, dict[str, Any]]]:
+    """The patterns of the mission with their places in it, whatever they are."""
+    mission = content.get("mission")
+    items = mission.get("items") if isinstance(mission, dict) else None
+    return [
+        (index, item)
+        for index, item in enumerate(items if isinstance(items, list) else [])
+        if isinstance(item, dict) and isinstance(item.get("complexItemType"), str)
+    ]
+
+
+def _other_patterns(content: dict[str, Any]) -> str:
+    """What is drawn in place of a survey pattern, for whoever looks for it."""
+    kinds = dict.fromkeys(shown(item["complexItemType"]) for _, item in _complex_items(content))
+    return f" (only {', '.join(kinds)}, which has no survey area)" if kinds else ""
 
 
 def _check(path: Path, content: dict[str, Any]) -> None:
@@ -113,6 +133,14 @@ def _zones(path: Path, content: dict[str, Any], *, inclusion: bool) -> list[Draw
         return []
     if not isinstance(fence, dict):
         raise SurveyError(f'{path}: "geoFence" is not an object')
+    version = fence.get("version", _FENCE_VERSIONS[-1])
+    if version not in _FENCE_VERSIONS:
+        raise SurveyError(
+            f"{path}: its geoFence is of version {shown(version)}; {' and '.join(map(str, _FENCE_VERSIONS))} are known"
+        )
+    if version == 1:
+        where, corners = f"{path}: geoFence.polygon", fence.get("polygon")
+        return [Drawn(where, _polygon(corners, where), role="keep_in")] if inclusion and corners else []
     zones, role = [], "keep_in" if inclusion else "keep_out"
     for kind, read in (("polygons", _polygon_zone), ("circles", _circle_zone)):
         entries = fence.get(kind, [])

@@ -268,9 +268,10 @@ class TestKml:
             ("<kml>", r"a\.kml:1:6: is not well-formed KML: no element found"),
             ("<gpx/>", "outermost element is gpx"),
             ("<kml/>", "has no polygon in it; "),
-            ("<kml><NetworkLink/></kml>", "NetworkLinks are not followed"),
+            ("<kml><NetworkLink/></kml>", "holds a NetworkLink, which is not followed"),
             ("<!DOCTYPE kml><kml/>", "1: has a DOCTYPE"),
-            ("<kml>\n<LineString/></kml>", "2: holds a LineString; a closed Polygon"),
+            ("<kml>\n<LineString/></kml>", "2: the LineString has 0 coordinates"),
+            ("<kml><Track/></kml>", "holds a Track; a closed Polygon"),
             ("<kml>" * 60, "more than 50 deep"),
             ("<kml><Polygon/></kml>", "has 0 outerBoundaryIs"),
             (
