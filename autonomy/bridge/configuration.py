@@ -266,7 +266,9 @@ class BridgeConfiguration(Section):
         description="what is sent, by the name of its NAMED_VALUE_FLOAT",
         json_schema_extra={"allowed": "a mapping of names (1 to 10 printable ASCII characters) to values"},
     )
-    pump: PumpSection | None = None
+    pump: PumpSection | None = Field(
+        default=None, description="how the bridge knows that water flows; null: it always does"
+    )
     mavlink: LinkSection
     raw: RawSection = RawSection()
     logging: LoggingSection = LoggingSection()
