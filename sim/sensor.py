@@ -1,7 +1,7 @@
 """The instrument: it reads the field where the boat is, with noise, at its own interval."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,8 @@ class Sensor:
 
     Readings fall on whole multiples of `interval_s` of simulated time. A reading where the field knows no
     value (on land, outside its data) is NaN, as a real instrument out of the water would say. `faults` come last, each
-    upon what the one before it makes of a reading.
+    upon what the one before it makes of a reading. `says` is told each reading, for an instrument that the autopilot
+    knows nothing of; None: it is wired to the autopilot, which sends NAMED_VALUE_FLOAT.
     """
 
     field: ScalarField
@@ -25,6 +26,7 @@ class Sensor:
     interval_s: float = 1.0
     noise_std: float = 0.0
     faults: Sequence[Fault] = ()
+    says: Callable[[float], None] | None = None
     taken: int = dataclasses.field(default=0, init=False)
 
     def __post_init__(self) -> None:

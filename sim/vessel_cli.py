@@ -19,6 +19,7 @@ from autonomy.mavlink.signing import KeyFileError, Signing, read_key
 from sim.autopilot import Autopilot, Options
 from sim.endpoints import Endpoint
 from sim.field import Field, FieldError, lattice, open_field, shrunk
+from sim.instrument import TextPort, line_format
 from sim.sensor import Sensor
 from sim.server import CannotListenError, VesselServer
 from sim.vessel import (
@@ -109,6 +110,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--noise", type=_finite, default=0.0, metavar="STD", help="standard deviation of a reading"
     )
     sea.add_argument("--seed", type=int, default=0, help="of the noise")
+    sea.add_argument(
+        "--instrument",
+        metavar="ENDPOINT",
+        type=_argument(Endpoint.parse),
+        help="the instrument has a port of its own, and writes lines of text there, not MAVLink: udpout:HOST:PORT, or "
+        "tcp:HOST:PORT as a serial server does; see autonomy bridge",
+    )
+    sea.add_argument(
+        "--line",
+        metavar="FORMAT",
+        type=_argument(line_format),
+        default="{value:.4f}",
+        help="what such a line looks like ({value:.4f})",
+    )
     autopilot = parser.add_argument_group("autopilot")
     autopilot.add_argument("--sysid", type=int, default=1, metavar="ID", help="MAVLink system id (1)")
     autopilot.add_argument(
@@ -193,13 +208,28 @@ async def _serve(arguments: argparse.Namespace, autopilot: Autopilot, signing: S
     loop = asyncio.get_running_loop()
     for each in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(each, server.stop)
+    port = None if arguments.instrument is None else TextPort(arguments.instrument, arguments.line)
     await server.start()
     try:
+        if port is not None:
+            await _open_port(port, autopilot, arguments.instrument)
         places = ", ".join(map(str, server.endpoints))
         print(f"sim vessel: ready on {places} at speed-up {arguments.speedup:g}", flush=True)
         await server.run()
     finally:
         server.close()
+        if port is not None:
+            port.close()
+
+
+async def _open_port(port: TextPort, autopilot: Autopilot, endpoint: Endpoint) -> None:
+    """The instrument's own port. Raises CannotListenError."""
+    try:
+        await port.open()
+    except OSError as error:
+        raise CannotListenError(f"{endpoint}: {error.strerror or error}") from error
+    assert autopilot.sensor is not None
+    autopilot.sensor.says = port.say
 
 
 def _autopilot(arguments: argparse.Namespace, field: Field) -> Autopilot:

@@ -234,6 +234,9 @@ class Autopilot:
             return
         while sensor.next_time_s <= vessel.time_s + 0.5 * _SHORTEST_STEP_S:
             value = sensor.read(vessel.position, vessel.time_s)
+            if sensor.says is not None:
+                sensor.says(value)
+                continue
             self._announce(self.reports.global_position())
             reading = self.reports.sensor_value(sensor.name, value)
             self._out.append((ALL if self.options.probe_component is None else HEARD, reading))

@@ -78,8 +78,7 @@ def sail(
     try:
         run.start_survey()
     except RuntimeError:
-        lines = "; ".join(text for _, text in run.log[-3:])
-        raise DryRunError(f"no mission comes on board. The last words of the log: {lines}") from None
+        raise DryRunError(f"no mission comes on board: {_last_words(run)}") from None
     run.began = run.spent
     while not run.is_over:
         run.advance(1.0)
@@ -231,6 +230,12 @@ class _Rehearsal(DiscreteRun):
         told: list[LogNotice] = self.published[Topic.LOG]
         said = (each.text for each in told if each.level in ("warning", "error"))
         return tuple(dict.fromkeys(text for text in said if text not in known))
+
+
+def _last_words(run: DiscreteRun) -> str:
+    """Of the log, each once, without what is said of the next try."""
+    said = [text.partition("; trying again")[0] for _, text in run.log[-3:]]
+    return "; ".join(dict.fromkeys(said))
 
 
 def _truth_map(sea: Field, survey: SurveyArea) -> TruthMap:

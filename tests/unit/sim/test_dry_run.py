@@ -36,7 +36,8 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def no_network(*_: Any, **__: Any) -> None:
         raise AssertionError("a dry run opens no socket")
 
-    monkeypatch.setattr(socket, "socket", no_network)
+    for method in ("connect", "connect_ex", "bind", "sendto"):
+        monkeypatch.setattr(socket.socket, method, no_network)
     return tmp_path
 
 
@@ -70,14 +71,14 @@ def test_a_mission_that_succeeds(desk: Path, capsys: pytest.CaptureFixture[str])
     course = found["course"]
     assert [moment["samples"] for moment in course] == sorted(moment["samples"] for moment in course)
     assert course[-1]["rmse"] == found["rmse"] < course[0]["rmse"]
-    assert 0.4 < found["rmse"] / found["rmse_expected"] < 2.5
+    assert 0.1 < found["rmse"] / found["rmse_expected"] < 2.0  # cautious, and not too sure
     assert f"wrong by {found['rmse']:.3g}" in said
     assert "5.4 km" in said
     assert (desk / "out" / "dry-run.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_same_question_has_the_same_answer(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("--set", "budget.distance_m=3000", "--tide", "0.2,90", "--seed", "5")
+    words = ("--set", "budget.distance_m=1500", "--tide", "0.2,90", "--seed", "5")
     dry_run(desk, *words, "--json")
     first = capsys.readouterr().out
     dry_run(desk, *words, "--json")
@@ -94,10 +95,11 @@ def test_what_is_seldom_meant_is_said(desk: Path) -> None:
 
 
 def test_a_way_home_that_can_not_be_paid(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Home lies 1.4 km from where the boat is launched, and 1 km is all that may be sailed."""
-    words = ["--set", "budget.distance_m=1000", "--start=36.611,-121.986"]
-    assert dry_run(desk, *words) in (0, 1)
-    assert "what may still be spent is not enough" in capsys.readouterr().err or "budget" in kinds(desk)
+    """Home lies 1.7 km over water from where the boat is launched, and 1 km is all that may be sailed."""
+    assert dry_run(desk, "--set", "budget.distance_m=1000", "--start=36.611,-121.986") == 1
+    said = capsys.readouterr().err
+    assert "no mission comes on board: no plan: the way home is 1707 m long" in said
+    assert said.count("the way home") == 1
 
 
 def test_a_boat_that_needs_more_than_was_guessed(desk: Path) -> None:
@@ -148,6 +150,8 @@ def test_the_field_of_a_file_is_sailed(desk: Path) -> None:
             file[name].units = units
         salt = file.createVariable("salt", "f8", ("lat", "lon"))
         salt[:] = 30.0 + 100.0 * (lat - 36.6)[:, None] + 0.0 * lon
-    assert dry_run(desk, "--field", str(desk / "sea.nc"), "--set", "budget.distance_m=4000") == 0
+    words = ["--set", "sampling.spacing_m=30", "--set", "budget.energy_wh=null"]
+    assert dry_run(desk, "--field", str(desk / "sea.nc"), *words) == 0
     found = told(desk)
-    assert found["rmse"] < 0.2 * found["field_std"]
+    assert found["field_std"] == pytest.approx(100.0 * 0.012 / 12**0.5, rel=0.1)
+    assert found["rmse"] < 0.3 * found["field_std"]
