@@ -3,9 +3,9 @@
 HALOCLINE_MONTH_S: simulated seconds; without it fifty minutes, in which each fault strikes once. From a day on, memory
 and time for a reading are held against those after the first hours, too.
 
-Memory is that of the service: jobs are done in a process of their own, as there, and of what was published only the
-newest is kept. Time is the thread's own CPU time, held against a `Twin`'s at the same moments: other work on the
-machine slows both.
+Memory is that of the service: jobs are done in a process of their own and large blocks are kept apart, as there, and of
+what was published only the newest is kept. Time is the thread's own CPU time, held against a `Twin`'s at the same
+moments: other work on the machine slows both.
 """
 
 import gc
@@ -36,6 +36,7 @@ from autonomy.planning.passage import passage_of
 from autonomy.planning.restrictions import Region, Restrictions, restricted
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell import checkpoint
+from autonomy.shell.allocator import keep_large_blocks_apart
 from autonomy.shell.checkpoint import Checkpoint
 from autonomy.shell.journal import Journal, make_header
 from sim.autopilot import Autopilot, Mode, Options
@@ -481,6 +482,7 @@ def month(survey: SurveyArea, worker: ProcessPoolExecutor, tmp_path: Path) -> It
     journal = Journal.open(
         tmp_path, JOURNAL, make_header(configuration, survey, now=1000.0, utc_s=1.7e9), utc_s=lambda: 1.7e9
     )
+    keep_large_blocks_apart()
     fill_caches(survey)
     rng = np.random.default_rng(int(os.environ.get("HALOCLINE_SEED", "1")))
     run = Month(
