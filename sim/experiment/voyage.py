@@ -5,6 +5,7 @@ either way. The simulated vessel is a nimble one, and no time of its own passes 
 but `_JOB_SAMPLES`: on a real boat a sample takes minutes, and a plan seconds.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from time import thread_time
@@ -42,7 +43,7 @@ _HANDLING = Handling(acceleration_mps2=1e3, turn_rate_deg_s=360.0)
 _SAMPLE_S = (
     10.0  # of the vessel's time, where no speed is given: steps of at most a second follow the route well
 )
-_TOP_SPEED_MPS = 100.0
+_TOP_SPEED_MPS = 30.0  # positions that come by faster than 50 m/s count as glitches
 _PROTOCOL_S = 1.0  # a sample, in protocol time: the telemetry's 1 Hz is once a sample
 _JOB_SAMPLES = 0.1
 _ROUNDED_UP = (
@@ -77,6 +78,7 @@ class Orders:
         planner: chooses the way; None: the configured one. See `following`.
         judgements: the model is judged so often, at equal parts of the voyage.
         keep_models: whether judgements and plans keep their models.
+        spots_only: whether the probe is read at the spots of the plans only, once each, instead of all along the way.
     """
 
     waters: TruthMap
@@ -90,6 +92,7 @@ class Orders:
     planner: Planner | None = None
     judgements: int = 80
     keep_models: bool = False
+    spots_only: bool = False
 
     def __post_init__(self) -> None:
         if self.samples is None and self.distance_m is None:
@@ -270,6 +273,32 @@ class _Probe(Sensor):
         self.positions.append(position)
         return super().read(position, time_s)
 
+    def told(self, spots: list[Position]) -> None:
+        """Another plan has these spots."""
+
+
+@dataclass
+class _SpotProbe(_Probe):
+    """A probe that is read once at each spot of the newest plan, within `reach_m` of it."""
+
+    vessel: Vessel = field(kw_only=True)
+    reach_m: float = field(kw_only=True)
+    spots: list[Position] = field(default_factory=list)
+
+    @property
+    def next_time_s(self) -> float:
+        return -math.inf if self._near(self.vessel.position) else math.inf
+
+    def read(self, position: Position, time_s: float) -> float:
+        self.spots = [spot for spot in self.spots if spot not in self._near(position)]
+        return super().read(position, time_s)
+
+    def told(self, spots: list[Position]) -> None:
+        self.spots = spots
+
+    def _near(self, position: Position) -> list[Position]:
+        return [spot for spot in self.spots if position.distance_to(spot) <= self.reach_m]
+
 
 @dataclass
 class _Sailing(DiscreteRun):
@@ -295,13 +324,7 @@ class _Sailing(DiscreteRun):
         lat_deg, lon_deg = survey.frame.to_geodetic(orders.launch_m).tolist()
         # The vessel is not stopped by land: routes are checked against it, and a boat this fast swings wide.
         vessel = Vessel(Position(lat_deg, lon_deg), handling=_HANDLING)
-        probe = _Probe(
-            orders.waters.field,
-            np.random.default_rng(orders.seed),
-            orders.configuration.sensor.message_name,
-            sample_s / READINGS_PER_SAMPLE,
-            orders.noise,
-        )
+        probe = _probe(orders, vessel, speed_mps, sample_s)
         run = cls(
             _MeasuredCore(_fitted(orders.configuration), survey),
             Autopilot(vessel, probe, Options(speed_mps=speed_mps)),
@@ -416,6 +439,15 @@ class _Sailing(DiscreteRun):
             log=tuple(text for _, text in self.log),
             cost=Cost(self.core.spent_s, self.jobs_s, spent_s - self.judging_s),
         )
+
+
+def _probe(orders: Orders, vessel: Vessel, speed_mps: float, sample_s: float) -> _Probe:
+    truth, rng = orders.waters.field, np.random.default_rng(orders.seed)
+    name, interval_s = orders.configuration.sensor.message_name, sample_s / READINGS_PER_SAMPLE
+    if not orders.spots_only:
+        return _Probe(truth, rng, name, interval_s, orders.noise)
+    # In a step of a second the vessel gets that far.
+    return _SpotProbe(truth, rng, name, interval_s, orders.noise, vessel=vessel, reach_m=speed_mps)
 
 
 def _fitted(configuration: Configuration) -> Configuration:
