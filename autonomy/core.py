@@ -30,7 +30,6 @@ from autonomy.geometry import FloatArray
 from autonomy.helm import Helm
 from autonomy.homeward import Homeward, Sailing
 from autonomy.learning.learner import Learner
-from autonomy.mavlink.authority import Command
 from autonomy.mavlink.safeguards import Safeguards
 from autonomy.mavlink.telemetry import Observation
 from autonomy.memory import Memory, UnfitMemoryError, capture, restore
@@ -80,16 +79,8 @@ class Core:
         self._situation = Situation(
             self._helm, self._seaway, self._homeward, self._reporter, configuration.sensor.message_name
         )
-        self._directives = Directives(
-            configuration,
-            survey.frame,
-            self._helm,
-            self._seaway,
-            self._homeward,
-            self._course,
-            self._situation,
-            self._reporter,
-        )
+        rooms = (self._helm, self._seaway, self._homeward, self._course, self._situation, self._reporter)
+        self._directives = Directives(configuration, *rooms)
         self._effects: list[Effect] = []
         self._job: _Job | None = None
         self._jobs_started = 0
@@ -121,7 +112,7 @@ class Core:
                 self._helm.link_changed()
                 self._reporter.log(Level.WARNING, f"link to the vehicle is gone: {reason}")
             case CommandReceived():
-                self._send(self._directives.take(event, stopping=self._stopping))
+                self._send(self._directives.take(now, event, stopping=self._stopping))
             case StopRequested():
                 self._stop(now)
         if not self._stopping and (news or now >= self.next_deadline()):
@@ -183,9 +174,7 @@ class Core:
         """
         begun = self._helm.authority.command
         restore(memory, self)
-        if Command.OBSERVED in (begun, self._helm.authority.command):
-            # Whether we may command at all is for this run's configuration to say.
-            self._helm.authority.command = begun
+        self._helm.authority.settle(begun)
         try:
             fault = self._learner.gp.check() if self._learner.born else None
         except (AttributeError, LookupError, TypeError, ValueError) as error:
@@ -390,8 +379,9 @@ class Core:
         is_sailing = helm.sailing_ours and not helm.path_finished
         reading = Reading.of(vehicle, helm.position_m, helm.distance_m, is_sailing=is_sailing)
         homeward.follow(reading, armed=vehicle.armed, commanded=helm.authority.in_command)
-        if active is not None and helm.sailing_ours:
-            self._head_home(now, Sailing(active.plan, helm.remaining_route_m(), helm.path_finished))
+        damaged = helm.has_damaged_ours
+        if active is not None and (helm.sailing_ours or damaged):
+            self._head_home(now, Sailing(active.plan, helm.remaining_route_m(), helm.path_finished, damaged))
         for note in homeward.take_notes():
             self._reporter.log(Level.WARNING if note.is_warning else Level.INFO, note.text)
             if note.is_warning:

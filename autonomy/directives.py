@@ -8,8 +8,8 @@ ours the authority's table says alone, so that the boat's own mode switch goes b
     the budget brings it home                  it stays so; nothing is paused or resumed
 
 What lasts is a wish, which `step` sees carried out, again if need be: pause (no plans; the mission on board is cut to
-the leg being sailed), finish (no plans; at the end of the present path home), return (home at once). The newest
-replaces the one before, `resume` ends it.
+the leg being sailed, or in `full` the boat told to hold), finish (no plans; at the end of the present path home),
+return (home at once). The newest replaces the one before, `resume` ends it.
 """
 
 from collections.abc import Callable
@@ -21,15 +21,17 @@ from autonomy.config import Configuration
 from autonomy.course import Course
 from autonomy.effects import Answer, Level, Outcome
 from autonomy.events import CommandReceived
-from autonomy.geometry import LocalFrame
 from autonomy.helm import Helm
 from autonomy.homeward import Homeward
-from autonomy.mavlink.authority import AUTO, Command, OnBoard, mode_name
+from autonomy.mavlink.authority import AUTO, Action, Command, OnBoard, mode_name
 from autonomy.planning.passage import Unreachable
 from autonomy.planning.plan import Plan
 from autonomy.reporting import Reporter
 from autonomy.seaway import Seaway
 from autonomy.situation import Situation, Wish
+
+START_S = 60.0
+"""A boat that has not started so long after `start` does not start any more: nobody expects it by then."""
 
 AGAIN_S = 30.0
 """Pause before a leg that did not come on board is sent again."""
@@ -44,7 +46,6 @@ class Directives:
     def __init__(
         self,
         configuration: Configuration,
-        frame: LocalFrame,
         helm: Helm,
         seaway: Seaway,
         homeward: Homeward,
@@ -52,20 +53,20 @@ class Directives:
         situation: Situation,
         reporter: Reporter,
     ) -> None:
-        self._mode = configuration.authority.mode
-        self._frame = frame
+        self._authority_section = configuration.authority
         self._helm, self._seaway, self._homeward = helm, seaway, homeward
         self._course, self._situation, self._reporter = course, situation, reporter
         self._memory = CommandMemory()
         self._answers: list[tuple[CommandReceived, Outcome, str]] = []
         self._repeated: list[Answer] = []
-        self._away = False
+        self._away = self._holds = False
         self._not_before = 0.0
+        self._start_until: float | None = None
         self._replan = False
         self.milestones = 0
         """How many commands were answered for good: worth remembering at once."""
 
-    def take(self, command: CommandReceived, *, stopping: bool) -> list[Any]:
+    def take(self, now: float, command: CommandReceived, *, stopping: bool) -> list[Any]:
         """Carry out a command, unless it was before; returns messages to send. The answer follows by `answers`."""
         known = self._memory.known(command)
         if known is not None:
@@ -75,7 +76,7 @@ class Directives:
         if objection is not None:
             outcome, text = objection
         else:
-            done, text = (False, "the service is stopping") if stopping else self._verdict(command.verb)
+            done, text = (False, "the service is stopping") if stopping else self._verdict(now, command.verb)
             outcome = Outcome.DONE if done else Outcome.REFUSED
         self._answers.append((command, outcome, text))
         level = Level.INFO if outcome is Outcome.DONE else Level.WARNING
@@ -120,6 +121,7 @@ class Directives:
         helm, wish = self._helm, self._situation.wish
         if helm.authority.in_command and helm.position_m is not None:
             self._homeward.begins_at(helm.position_m)
+        self._watch_start(now)
         if wish is None:
             return None
         if self._was_taken():
@@ -133,20 +135,33 @@ class Directives:
             return self._cut(now)
         return None
 
+    def _watch_start(self, now: float) -> None:
+        """A boat that could not start when it was told to must not do so when nobody expects it any more."""
+        authority = self._helm.authority
+        if self._start_until is None or now < self._start_until:
+            return
+        self._start_until = None
+        if not authority.survey_started:
+            authority.allow_start(False)
+            self._reporter.log(
+                Level.WARNING, f"the boat has not started in {START_S:.0f} s: it waits for another start"
+            )
+
     def _was_taken(self) -> bool:
-        """Whether the boat was out of AUTO, or disarmed, since the wish was uttered, and is ours again."""
-        vehicle = self._helm.state
-        if vehicle is not None and (vehicle.mode != AUTO or not vehicle.armed):
+        """Whether somebody has taken the boat since the wish was uttered, or selected AUTO while it held."""
+        authority, vehicle = self._helm.authority, self._helm.state
+        ours = authority.in_command or authority.is_held
+        if vehicle is not None and not ours and (vehicle.mode != AUTO or not vehicle.armed):
             self._away = True
-        return self._away and self._helm.authority.in_command
+        let_go = self._holds and self._situation.wish is Wish.PAUSE
+        return authority.in_command and (self._away or let_go)
 
     def _cut(self, now: float) -> Plan | None:
         """The leg being sailed, if more than that is on board."""
         helm = self._helm
-        damaged = helm.authority.on_board is OnBoard.DAMAGED
-        if helm.dispatch.busy or now < self._not_before or not helm.authority.in_command:
+        if helm.dispatch.busy or now < self._not_before or not (helm.sailing_ours or helm.has_damaged_ours):
             return None
-        leg = self._course.leg(Wish.PAUSE.value) if helm.sailing_ours or damaged else None
+        leg = self._course.leg(Wish.PAUSE.value)
         if leg is not None:
             self._not_before = now + AGAIN_S
         return leg
@@ -155,7 +170,7 @@ class Directives:
         if self._situation.wish is not wish:
             self._homeward.call_off()
         self._situation.wish = wish
-        self._away, self._not_before = False, 0.0
+        self._away, self._holds, self._not_before = False, False, 0.0
 
     def _end(self, reason: str) -> None:
         assert self._situation.wish is not None
@@ -165,12 +180,13 @@ class Directives:
 
     # The verbs ------------------------------------------------------------------------------------------------
 
-    def _verdict(self, verb: str) -> _Verdict:
+    def _verdict(self, now: float, verb: str) -> _Verdict:
         hindrance = self._hindrance()
         if hindrance is not None:
             return False, hindrance
+        if verb == "start":
+            return self._start(now)
         verbs: dict[str, Callable[[], _Verdict]] = {
-            "start": self._start,
             "pause": self._pause,
             "resume": self._resume,
             "replan": self._plan_anew,
@@ -181,36 +197,61 @@ class Directives:
 
     def _hindrance(self) -> str | None:
         """Why nothing at all can be asked of the boat now."""
+        authority = self._helm.authority
         if not self._situation.in_touch:
             return self._situation.reason
-        if self._helm.authority.command is Command.OBSERVED:
+        if authority.command is Command.OBSERVED:
             return "we only look on: authority.mode is observe"
-        if self._helm.authority.command in (Command.YIELDED, Command.DISPLACED):
-            return f"the boat is not ours: {self._helm.authority.reason}"
+        if authority.command in (Command.YIELDED, Command.DISPLACED):
+            return f"the boat is not ours: {authority.reason}"
+        if authority.command is Command.STOPPING:
+            return "the boat is being told to hold: ask again in a few seconds"
+        if authority.command is Command.HELD and authority.action is Action.SELECT_AUTO:
+            return "the boat is being set in motion again: ask again in a few seconds"
         return None
 
     def _not_under_way(self) -> str | None:
         """Why there is no survey to change."""
-        if not self._helm.authority.survey_started:
-            return f"the survey has not begun: {self._helm.authority.reason}"
+        authority = self._helm.authority
+        if not authority.survey_started:
+            return f"the survey has not begun: {authority.reason}"
         if self._homeward.is_finished:
             return "the survey has ended at home"
-        if self._helm.authority.command in (Command.SENT_HOME, Command.RETURNING):
-            return f"the autopilot brings the boat home: {self._helm.authority.reason}"
+        if authority.command in (Command.SENT_HOME, Command.RETURNING):
+            return f"the autopilot brings the boat home: {authority.reason}"
         if self._homeward.is_returning and not self._homeward.is_sent:
             return f"the boat goes home: {self._homeward.reason or 'the budget is sailed'}"
         return None
 
-    def _start(self) -> _Verdict:
+    def _start(self, now: float) -> _Verdict:
+        authority, vehicle = self._helm.authority, self._helm.state
         if self._homeward.is_finished:
             return False, "the survey has ended at home: disarm the boat, and the next start begins another"
-        if self._helm.authority.survey_started:
+        if authority.survey_started:
             return True, "it has been started already"
-        if self._mode == "missions":
+        if self._authority_section.mode != "full":
             return False, "authority.mode is missions: the operator arms the boat and selects AUTO"
-        return True, "the boat starts by itself, as soon as it can"
+        if authority.was_ever_taken:
+            return False, "the operator has taken the boat: he starts it again himself"
+        if vehicle is None or not authority.is_ready(vehicle):
+            return False, f"it is not ready: {self._unready()}"
+        authority.allow_start(True)
+        if self._authority_section.start == "on_command":
+            self._start_until = now + START_S
+        return True, "AUTO is selected and the boat armed"
+
+    def _unready(self) -> str:
+        if self._helm.authority.on_board is not OnBoard.OURS or not self._helm.authority.waits_on_board:
+            return "no mission of ours is verified on board yet"
+        return "the autopilot is not sure of its position yet"
 
     def _pause(self) -> _Verdict:
+        authority, vehicle = self._helm.authority, self._helm.state
+        is_full = self._authority_section.mode == "full"
+        if is_full and not authority.survey_started:
+            authority.allow_start(False)
+            self._start_until = None
+            return True, "the boat does not start before it is told to"
         hindrance = self._not_under_way()
         if hindrance is not None:
             return False, hindrance
@@ -218,6 +259,12 @@ class Directives:
             return False, "the boat is on its way home as it was asked to: resume the survey first"
         if self._situation.wish is Wish.PAUSE:
             return True, "it is paused already"
+        if is_full:
+            if vehicle is None or not authority.hold(vehicle):
+                return False, f"the boat can't be held: {authority.reason}"
+            self._wish(Wish.PAUSE)
+            self._holds = True
+            return True, "nothing is planned any more; the boat is told to hold"
         self._wish(Wish.PAUSE)
         return True, "nothing is planned any more; the boat sails its leg to the end, and stays there"
 
@@ -228,9 +275,15 @@ class Directives:
         if self._situation.wish is None:
             return True, "the survey goes on already"
         ended = self._situation.wish.value
+        self._let_go()
         self._wish(None)
         self._replan = True
         return True, f"the survey goes on, from where the boat is (it was {ended})"
+
+    def _let_go(self) -> None:
+        """A boat that holds is set in motion again."""
+        if self._helm.state is not None:
+            self._helm.authority.release(self._helm.state)
 
     def _plan_anew(self) -> _Verdict:
         authority = self._helm.authority
@@ -246,30 +299,25 @@ class Directives:
         return True, "a new plan is made"
 
     def _finish(self) -> _Verdict:
-        if self._homeward.is_finished or (self._homeward.is_returning and not self._homeward.is_sent):
-            return True, f"it ends already: {self._homeward.reason}"
+        if self._homeward.is_finished or self._homeward.is_returning:
+            return True, f"it ends already: {self._homeward.reason or 'the boat is on its way home'}"
         hindrance = self._not_under_way() or self._homeless()
         if hindrance is not None:
             return False, hindrance
-        if self._situation.wish is not Wish.RETURN:
-            self._wish(Wish.FINISH)
-            return True, "the present path is sailed to its end, and then the way home"
-        return True, "the boat is on its way home"
+        self._let_go()
+        self._wish(Wish.FINISH)
+        return True, "the present path is sailed to its end, and then the way home"
 
     def _return(self) -> _Verdict:
+        authority = self._helm.authority
         if self._homeward.is_finished:
             return True, "the boat is home"
-        if self._homeward.is_returning or self._helm.authority.command in (
-            Command.SENT_HOME,
-            Command.RETURNING,
-        ):
-            return (
-                True,
-                f"the boat is on its way home: {self._homeward.reason or self._helm.authority.reason}",
-            )
+        if self._homeward.is_returning or authority.command in (Command.SENT_HOME, Command.RETURNING):
+            return True, f"the boat is on its way home: {self._homeward.reason or authority.reason}"
         hindrance = self._not_under_way() or self._homeless()
         if hindrance is not None:
             return False, hindrance
+        self._let_go()
         self._wish(Wish.RETURN)
         self._homeward.send(Wish.RETURN.value)
         return True, "the boat goes home at once, over water"
@@ -280,7 +328,7 @@ class Directives:
         if vehicle is None or here_m is None:
             return "nobody knows where the boat is"
         if vehicle.home_deg is not None:
-            self._homeward.told_home(self._frame.to_local(*vehicle.home_deg))
+            self._homeward.told_home(self._seaway.water.frame.to_local(*vehicle.home_deg))
         if not self._homeward.knows_home:
             return "nobody knows where home is: set budget.home"
         try:

@@ -133,6 +133,11 @@ class Helm:
         return ours and self.authority.in_command
 
     @property
+    def has_damaged_ours(self) -> bool:
+        """Whether we have the boat, and what it sails is but a part of a mission of ours."""
+        return self.authority.on_board is OnBoard.DAMAGED and self.authority.in_command
+
+    @property
     def path_finished(self) -> bool:
         """Whether the verified mission on board has been sailed to its end and nothing newer is on its way."""
         active = self.dispatch.active
@@ -286,8 +291,9 @@ class Helm:
     def _ask_streams(self, now: float, route: Route, scale: float) -> list[Any]:
         sent = []
         if self._streams is None:
-            budget = self._configuration.budget
-            streams = wanted_streams(self._mavlink.position_rate_hz, battery=budget.is_limited)
+            battery = self._configuration.budget.is_limited
+            home = self._configuration.shore.commands.accepted  # they may want the boat to return
+            streams = wanted_streams(self._mavlink.position_rate_hz, battery=battery, home=home)
             self._streams = StreamRequests(streams, route, time_scale=scale)
             sent += self._streams.start(now)
         return sent + self._streams.on_deadline(now)
@@ -419,6 +425,7 @@ def _authority(configuration: Configuration) -> Authority:
         resume=section.resume,
         return_mode=_return_mode(configuration),
         return_battery=section.return_battery if section.mode == "full" else None,
+        starts_by_itself=section.mode != "full" or section.start == "by_itself",
     )
 
 

@@ -59,11 +59,15 @@ SHORTEST_M = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Sailing:
-    """The mission being sailed: `route_m`, shape (k, 2), from the vessel along what is left of `plan`."""
+    """The mission being sailed: `route_m`, shape (k, 2), from the vessel along what is left of `plan`.
+
+    Of a damaged one nobody knows how much of a plan is on board, nor of which.
+    """
 
     plan: Plan
     route_m: FloatArray
     is_finished: bool
+    is_damaged: bool = False
 
     @property
     def corners(self) -> int:
@@ -240,6 +244,8 @@ class Homeward:
             return None
         if sailing.plan is self._ended:
             return None  # of the survey before this one
+        if sailing.is_damaged:
+            return self.plan(sailing.route_m[0], water, self.reason) if self.reason else None
         if sailing.is_finished and sailing.plan.home_corners:
             self.is_finished, self.has_room, self._ended = True, False, sailing.plan
             self.reason = self.reason or "the budget is sailed"

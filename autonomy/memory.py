@@ -49,7 +49,7 @@ SETTINGS: Mapping[str, frozenset[str]] = {
         "autonomy.stall.GivenUp": "_give_up_s _least_m",
         "autonomy.orders.Orders": "_return_mode",
         "autonomy.course.Course": "_minimum_gain",
-        "autonomy.directives.Directives": "_mode _frame",
+        "autonomy.directives.Directives": "_authority_section",
         "autonomy.situation.Situation": "_message_name",
         "autonomy.homeward.Homeward": "_section _shortest_m _fixed_m",
         "autonomy.budget.Budget": "_section _limits",
@@ -60,7 +60,9 @@ SETTINGS: Mapping[str, frozenset[str]] = {
         "autonomy.mavlink.telemetry.Telemetry": "_sensor_name _wanted_system_id _link_timeout_s _handlers "
         "_stamped_by_vehicle",
         "autonomy.mavlink.pairing.Pairing": "_gap_s _intake",
-        "autonomy.mavlink.authority.Authority": "_adopt _table _return_mode _return_battery",
+        "autonomy.mavlink.authority.Authority": (
+            "_adopt _table _return_mode _return_battery _starts_by_itself"
+        ),
         "autonomy.sampling.SampleGate": "_survey _sampling _transform _allowed",
         "autonomy.quality.stream.QualityControl": "_section _fail_span",
         "autonomy.quality.location.Location": "_waters _maximum_speed_mps",

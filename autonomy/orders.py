@@ -1,10 +1,10 @@
-"""Starting the boat and sending it home, where the configuration lets us: `authority.mode: full`."""
+"""Starting the boat, holding it and sending it home, where the configuration lets us: `authority.mode: full`."""
 
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.authority import AUTO, Action, mode_name
+from autonomy.mavlink.authority import AUTO, HOLD, Action, mode_name
 from autonomy.mavlink.mission import Route
 from autonomy.mavlink.orders import Answer, Order
 from autonomy.notes import Note
@@ -67,11 +67,12 @@ class Orders:
         return {
             Action.ARM: "arming",
             Action.SELECT_AUTO: "selecting AUTO",
+            Action.HOLD: "selecting HOLD",
             Action.GO_HOME: f"selecting {mode_name(self._return_mode)}",
         }.get(action)
 
     def _order_of(self, action: Action) -> tuple[int, tuple[float, ...]]:
         if action is Action.ARM:
             return mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,)
-        mode = AUTO if action is Action.SELECT_AUTO else self._return_mode
+        mode = {Action.SELECT_AUTO: AUTO, Action.HOLD: HOLD}.get(action, self._return_mode)
         return mavlink.MAV_CMD_DO_SET_MODE, (float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode))

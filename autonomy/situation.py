@@ -43,6 +43,8 @@ _STATES = {
     Command.YIELDED: State.YIELDED,
     Command.SENT_HOME: State.RETURNING,
     Command.RETURNING: State.RETURNING,
+    Command.STOPPING: State.PAUSED,
+    Command.HELD: State.PAUSED,
     Command.OBSERVED: State.OBSERVING,
 }
 

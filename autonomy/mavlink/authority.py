@@ -57,6 +57,8 @@ class Command(Enum):
     DISPLACED = "whoever has put his mission in place of ours"
     SENT_HOME = "we, and it has been told to return"
     RETURNING = "the autopilot, which brings it home because we asked for it"
+    STOPPING = "we, and it has been told to hold"
+    HELD = "we, and it holds because it was told to"
     YIELDED = "the operator or a failsafe"
     OBSERVED = "somebody else: we only look on"
 
@@ -69,12 +71,15 @@ class Event(Enum):
     REBOOTED = "first heartbeat since its clock began anew, disarmed"
     CLEARED = "not in AUTO, and no mission is on board"
     HOMEWARD = "in the mode that brings it home"
+    HOLDING = "in HOLD, armed, as it shall be since it was told to hold"
+    RELEASED = "the same, and it shall go on"
     READY = "not in AUTO, disarmed or in HOLD, sure of its position, our mission verified on board"
     ELSEWHERE = "in any other mode but AUTO"
     READY_IN_AUTO = "in AUTO, disarmed, sure of its position, our mission verified on board"
     DISARMED = "in AUTO, disarmed"
     OTHERS = "in AUTO, armed, with a mission on board that is somebody else's, or none"
     LOW = "in AUTO, armed, our mission, and it shall return: the battery has fallen to that share, or the budget"
+    HALT = "in AUTO, armed, our mission or one that is uncertain, and it shall hold: asked for from ashore"
     OURS = "in AUTO, armed, our mission (or `adopt`, and it never was ours)"
     UNCERTAIN = "in AUTO, armed, the mission on board not read, or in part or damaged by an upload of ours"
 
@@ -89,6 +94,15 @@ class Action(Enum):
     ARM = "as PREPARE, and arm"
     SAIL = "replace our mission, and make it current"
     GO_HOME = "select the mode that brings it home"
+    HOLD = "select HOLD"
+
+
+class Hold(Enum):
+    """Whether the boat shall hold because people ashore want it to."""
+
+    NONE = "nobody has asked for it"
+    WANTED = "it shall"
+    RELEASED = "it was told to, and shall go on"
 
 
 @dataclass(frozen=True)
@@ -100,26 +114,31 @@ class Rule:
     reason: str
 
 
-_B, _O, _D, _S, _R, _Y = (
+_B, _O, _D, _S, _R, _Y, _T, _H = (
     Command.BEFORE_START,
     Command.OURS,
     Command.DISPLACED,
     Command.SENT_HOME,
     Command.RETURNING,
     Command.YIELDED,
+    Command.STOPPING,
+    Command.HELD,
 )
 _E, _A = Event, Action
 _STRANGE = "{unsupported}"
 _FAILSAFE = "a failsafe has the boat (system status {status})"
 _TAKEN = "the operator has the boat ({mode}{disarmed}): we wait for AUTO"
-_WAIT = "waiting for the operator to arm and select AUTO ({mode})"
+_WAIT = "waiting for the operator to arm and select AUTO{or_start} ({mode})"
 _UNDER_WAY = "in AUTO under our mission"
 _UNSURE = "in AUTO, but {on_board}"
 _MISSION = "{on_board}"
 _HOME = "on its way home ({mode})"
 _SENDING = "{cause}: the boat is told to return"
+_STOPPING = "paused from ashore: the boat is told to hold"
+_HELD = "paused from ashore: the boat holds"
+_RELEASED = "AUTO is being selected ({mode})"
 
-TABLE: Mapping[tuple[Command, Event], Rule] = {
+_TABLE: Mapping[tuple[Command, Event], Rule] = {
     # Before the survey was started: a mission waits on board, or we wait for leave to put one there.
     (_B, _E.UNSUPPORTED): Rule(_B, _A.LISTEN, _STRANGE),
     (_B, _E.FAILSAFE): Rule(_B, _A.READ, _FAILSAFE),
@@ -178,10 +197,21 @@ TABLE: Mapping[tuple[Command, Event], Rule] = {
     (_Y, _E.OURS): Rule(_O, _A.SAIL, _UNDER_WAY),
     (_Y, _E.UNCERTAIN): Rule(_O, _A.SAIL, _UNSURE),
 }
+_ALIKE = {_E.HALT: _E.OURS, _E.HOLDING: _E.ELSEWHERE, _E.RELEASED: _E.ELSEWHERE}
+"""Where nothing is told to hold, these are no more than those."""
+
+TABLE: Mapping[tuple[Command, Event], Rule] = {
+    **_TABLE,
+    **{
+        (before, event): _TABLE[before, alike]
+        for before in (_B, _O, _D, _Y)
+        for event, alike in _ALIKE.items()
+    },
+}
 """`authority.mode: missions`, `authority.resume: when_auto_again`: every state and event has its line."""
 
 _FULL: Mapping[tuple[Command, Event], Rule] = {
-    (_B, _E.READY): Rule(_B, _A.SELECT_AUTO, "AUTO is being selected ({mode})"),
+    (_B, _E.READY): Rule(_B, _A.SELECT_AUTO, _RELEASED),
     (_B, _E.READY_IN_AUTO): Rule(_B, _A.ARM, "the boat is being armed"),
     (_O, _E.LOW): Rule(_S, _A.GO_HOME, _SENDING),
     # Told to return, and still in AUTO: told again. Any mode but the one it was told is the operator's.
@@ -192,6 +222,17 @@ _FULL: Mapping[tuple[Command, Event], Rule] = {
     **{(_R, event): rule for (before, event), rule in TABLE.items() if before is _Y},
     (_R, _E.HOMEWARD): Rule(_R, _A.LISTEN, _HOME),
     (_R, _E.CLEARED): Rule(_R, _A.LISTEN, _HOME),
+    # Told to hold, and still in AUTO: told again. HOLD is what it was told; any other mode is the operator's.
+    (_O, _E.HALT): Rule(_T, _A.HOLD, _STOPPING),
+    **{(_T, event): rule for (before, event), rule in TABLE.items() if before is _O},
+    (_T, _E.LOW): Rule(_S, _A.GO_HOME, _SENDING),
+    (_T, _E.HALT): Rule(_T, _A.HOLD, _STOPPING),
+    (_T, _E.HOLDING): Rule(_H, _A.LISTEN, _HELD),
+    (_T, _E.RELEASED): Rule(_H, _A.SELECT_AUTO, _RELEASED),
+    # It holds: whoever selects another mode, or disarms it, has the boat. AUTO, by whomever, ends it.
+    **{(_H, event): rule for (before, event), rule in TABLE.items() if before is _Y},
+    (_H, _E.HOLDING): Rule(_H, _A.LISTEN, _HELD),
+    (_H, _E.RELEASED): Rule(_H, _A.SELECT_AUTO, _RELEASED),
 }
 """What is different with `authority.mode: full`."""
 
@@ -237,6 +278,7 @@ class Authority:
         resume: how a boat that was taken is given back.
         return_mode: the autopilot's mode that brings the boat home.
         return_battery: share of the charge with which it returns (mode `full`); None: never.
+        starts_by_itself: whether it needs no `start` from ashore (mode `full`).
 
     A reboot leads back to BEFORE_START: the vehicle comes up disarmed, in a mode nobody has chosen, perhaps
     without its mission, and then no operator could select AUTO. A clock alone is a poor witness of that, and
@@ -246,7 +288,8 @@ class Authority:
     has lost its mission needs its operator, or a restart of the service.
 
     `full` starts the boat only as long as nobody has ever taken it from us: after that the operator starts it.
-    It is sent home once; an operator who selects AUTO after that has decided otherwise.
+    It is sent home once; an operator who selects AUTO after that has decided otherwise. So has one who selects AUTO
+    while it holds.
     """
 
     def __init__(
@@ -256,9 +299,14 @@ class Authority:
         resume: Resume = "when_auto_again",
         return_mode: int = RTL,
         return_battery: float | None = None,
+        *,
+        starts_by_itself: bool = True,
     ) -> None:
         self._adopt = adopt
         self._table = table_of(mode, resume)
+        self._starts_by_itself = starts_by_itself
+        self._start_allowed: bool | None = None
+        self._hold = Hold.NONE
         self._return_mode = return_mode
         self._return_battery = return_battery
         self._waiting_on_board = False
@@ -285,6 +333,21 @@ class Authority:
         return self.command is not Command.BEFORE_START
 
     @property
+    def waits_for_start(self) -> bool:
+        """Whether it does not start by itself (mode `full`) until `allow_start`."""
+        return not (self._starts_by_itself if self._start_allowed is None else self._start_allowed)
+
+    @property
+    def was_ever_taken(self) -> bool:
+        """Whether somebody has ever taken the boat from us."""
+        return self._ever_taken
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it holds, or has been told to, since people ashore want it."""
+        return self.command in (Command.STOPPING, Command.HELD)
+
+    @property
     def in_command(self) -> bool:
         """Whether we have the boat: it is in AUTO, armed, under our mission."""
         return self.command is Command.OURS
@@ -297,7 +360,7 @@ class Authority:
     @property
     def may_transfer(self) -> bool:
         """Whether the mission on board may be read, if nothing more."""
-        return self.action not in (Action.LISTEN, Action.GO_HOME)
+        return self.action not in (Action.LISTEN, Action.GO_HOME, Action.HOLD)
 
     @property
     def waits_on_board(self) -> bool:
@@ -308,6 +371,35 @@ class Authority:
     def ask_for_another(self) -> None:
         """The mission that waits on board is not fit to be started from where the boat is now: replace it, once."""
         self._waiting_on_board = False
+
+    def allow_start(self, allowed: bool) -> None:
+        """People ashore let it start by itself, or do not (mode `full`)."""
+        self._start_allowed = allowed
+
+    def hold(self, state: VehicleState) -> bool:
+        """People ashore want the boat, which is ours, to hold (mode `full`); returns whether it is told to."""
+        self._hold = Hold.WANTED
+        self.observe(state)
+        return self.is_held
+
+    def release(self, state: VehicleState) -> None:
+        """They want it to go on."""
+        if self.command is Command.HELD:
+            self._hold = Hold.RELEASED
+            self.observe(state)
+
+    def settle(self, begun: Command) -> None:
+        """What was remembered may have been under another configuration; a new authority had `begun` with this."""
+        if Command.OBSERVED in (begun, self.command):
+            # Whether we may command at all is for this run's configuration to say.
+            self.command = begun
+        elif (self.command, Event.OURS) not in self._table:
+            self.command = Command.YIELDED
+
+    def is_ready(self, state: VehicleState) -> bool:
+        """Whether it could be started, and nobody has ever taken it from us."""
+        sure = state.position_ok and state.ekf_ok is True
+        return sure and self.on_board is OnBoard.OURS and self._waiting_on_board and not self._ever_taken
 
     def mission_read(self, on_board: OnBoard) -> None:
         """The mission on board was read, or is known to have changed."""
@@ -338,6 +430,8 @@ class Authority:
                 self._waiting_on_board = False
             rule = self._table[Command.BEFORE_START, self._present(state)]
         self.command, self.action = rule.after, rule.action
+        if not self.is_held:
+            self._hold = Hold.NONE
         self._ever_taken = self._ever_taken or rule.after in (Command.YIELDED, Command.DISPLACED)
         self._ever_sent_home = self._ever_sent_home or rule.after is Command.SENT_HOME
         self.reason = self._say(rule.reason, state)
@@ -382,21 +476,30 @@ class Authority:
             return Event.CLEARED
         if state.mode == self._return_mode:
             return Event.HOMEWARD
-        ready = self._is_ready(state) and (not state.armed or state.mode == HOLD)
+        holds = state.mode == HOLD and state.armed
+        if holds and self._hold is not Hold.NONE:
+            return Event.HOLDING if self._hold is Hold.WANTED else Event.RELEASED
+        ready = self._may_start(state) and (holds or not state.armed)
         return Event.READY if ready else Event.ELSEWHERE
 
     def _in_auto(self, state: VehicleState) -> Event:
         if not state.armed:
-            return Event.READY_IN_AUTO if self._is_ready(state) else Event.DISARMED
+            return Event.READY_IN_AUTO if self._may_start(state) else Event.DISARMED
+        event = self._under_way(state)
+        # A boat that goes home need not hold.
+        halts = self._hold is Hold.WANTED and event in (Event.OURS, Event.UNCERTAIN)
+        return Event.HALT if halts else event
+
+    def _under_way(self, state: VehicleState) -> Event:
         if self.on_board is OnBoard.PARTIAL:
             return Event.UNCERTAIN
         if self.on_board is OnBoard.OURS or (self._adopt and self.on_board is not OnBoard.REPLACED):
             removed = self.on_board is OnBoard.EMPTY and self.survey_started
-            return Event.OTHERS if removed else self._under_way(state)
+            return Event.OTHERS if removed else self._with_ours(state)
         uncertain = self.on_board in (OnBoard.UNREAD, OnBoard.DAMAGED)
         return Event.UNCERTAIN if uncertain else Event.OTHERS
 
-    def _under_way(self, state: VehicleState) -> Event:
+    def _with_ours(self, state: VehicleState) -> Event:
         remaining = state.battery_remaining
         if self._ever_sent_home:
             return Event.OURS
@@ -406,10 +509,8 @@ class Authority:
             return Event.OURS
         return Event.LOW if remaining <= self._return_battery else Event.OURS
 
-    def _is_ready(self, state: VehicleState) -> bool:
-        """Whether it could be started, and nobody has ever taken it from us."""
-        sure = state.position_ok and state.ekf_ok is True
-        return sure and self.on_board is OnBoard.OURS and self._waiting_on_board and not self._ever_taken
+    def _may_start(self, state: VehicleState) -> bool:
+        return self.is_ready(state) and not self.waits_for_start
 
     def _may_replace(self) -> bool:
         if self.on_board in (OnBoard.UNREAD, OnBoard.REPLACED):
@@ -432,6 +533,7 @@ class Authority:
             status=state.system_status,
             mode=mode_name(state.mode),
             disarmed="" if state.armed else ", disarmed",
+            or_start=", or for `start` from ashore" if self.waits_for_start else "",
             on_board=self._refusal(),
             cause=self.return_cause or f"the battery is at {battery or 0.0:.0%}",
         )

@@ -42,10 +42,12 @@ class Stream:
     group: int
 
 
-def wanted_streams(position_rate_hz: float, *, battery: bool = False) -> tuple[Stream, ...]:
-    """The messages that telemetry lives on; `battery`: and those that a budget lives on."""
+def wanted_streams(
+    position_rate_hz: float, *, battery: bool = False, home: bool = False
+) -> tuple[Stream, ...]:
+    """The messages that telemetry lives on; `battery`: and those that a budget lives on; `home`: where home is."""
     status, position = mavlink.MAV_DATA_STREAM_EXTENDED_STATUS, mavlink.MAV_DATA_STREAM_POSITION
-    wanted = (
+    wanted: tuple[Stream, ...] = (
         Stream(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, position_rate_hz, position),
         Stream(mavlink.MAVLINK_MSG_ID_MISSION_CURRENT, 1.0, status),
         Stream(mavlink.MAVLINK_MSG_ID_SYS_STATUS, 0.5, status),
@@ -54,13 +56,11 @@ def wanted_streams(position_rate_hz: float, *, battery: bool = False) -> tuple[S
         Stream(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, 0.5, mavlink.MAV_DATA_STREAM_EXTRA3),
         Stream(mavlink.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT, 1.0, status),
     )
-    if not battery:
-        return wanted
-    return (
-        *wanted,
-        Stream(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 0.5, mavlink.MAV_DATA_STREAM_EXTRA3),
-        Stream(mavlink.MAVLINK_MSG_ID_HOME_POSITION, 0.1, mavlink.MAV_DATA_STREAM_EXTRA3),
-    )
+    if battery:
+        wanted += (Stream(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 0.5, mavlink.MAV_DATA_STREAM_EXTRA3),)
+    if battery or home:
+        wanted += (Stream(mavlink.MAVLINK_MSG_ID_HOME_POSITION, 0.1, mavlink.MAV_DATA_STREAM_EXTRA3),)
+    return wanted
 
 
 class Answer(Enum):

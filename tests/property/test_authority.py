@@ -204,7 +204,7 @@ def test_the_table_is_complete_and_yields(mode: Any, resume: Any) -> None:
             if rule.after is Command.YIELDED:
                 assert rule.action is Action.LISTEN
             if mode == "missions":
-                assert rule.action not in (Action.ARM, Action.SELECT_AUTO, Action.GO_HOME)
+                assert rule.action not in (Action.ARM, Action.SELECT_AUTO, Action.GO_HOME, Action.HOLD)
             if resume == "never" and command in (Command.YIELDED, Command.DISPLACED):
                 assert rule.after is Command.YIELDED
     assert len(TABLE) == 4 * len(What)

@@ -40,13 +40,20 @@ class AuthorityMachine(RuleBasedStateMachine):
 
     @initialize(
         adopt=st.booleans(),
-        mode=st.sampled_from(["missions", "full", "observe"]),
+        mode=st.sampled_from(["missions", "full", "full", "observe"]),
         resume=st.sampled_from(["when_auto_again", "never"]),
         return_battery=st.sampled_from([None, 0.3]),
+        starts_by_itself=st.sampled_from([True, True, False]),
     )
-    def begin(self, adopt: bool, mode: Any, resume: Any, return_battery: float | None) -> None:
+    def begin(
+        self, adopt: bool, mode: Any, resume: Any, return_battery: float | None, starts_by_itself: bool
+    ) -> None:
         self.adopt, self.mode, self.resume, self.return_battery = adopt, mode, resume, return_battery
-        self.authority = Authority(adopt, mode, resume, return_battery=return_battery)
+        self.may_start = starts_by_itself
+        self.told_to_hold = self.seen_to_hold = self.released = False
+        self.authority = Authority(
+            adopt, mode, resume, return_battery=return_battery, starts_by_itself=starts_by_itself
+        )
         self.state = BEGUN
         self.on_board = OnBoard.UNREAD
         self.sailed = False
@@ -75,6 +82,8 @@ class AuthorityMachine(RuleBasedStateMachine):
         self.permission = self.authority.decide(self.state)
         self.sailed = self.sailed or self.authority.action in UNDERWAY
         self.told_home = self.told_home or self.authority.action is Action.GO_HOME
+        self.told_to_hold = self.told_to_hold and self.authority.action is not Action.GO_HOME
+        self.released = self.released and self.told_to_hold
 
     def _follow(self, heartbeat: bool) -> None:
         came_up = self.comes_up and heartbeat
@@ -85,16 +94,20 @@ class AuthorityMachine(RuleBasedStateMachine):
             and self.state.mission_state == mavlink.MISSION_STATE_NO_MISSION
         )
         if (came_up and not self.state.armed) or emptied:
-            self.sailed = self.away = False
+            self.sailed = self.away = self.told_to_hold = False
             self.verified = self.verified and not came_up
         elif self.ours_to_sail:
             self.away = False
+            # AUTO, by whomever, ends it; before it has held it is told again.
+            self.told_to_hold = self.told_to_hold and not self.seen_to_hold
+        elif self.told_to_hold and self.holds:
+            self.seen_to_hold = True
         elif self.before is Action.GO_HOME and self.under_way:
             pass  # told to return and still in AUTO: told again, whatever is on board by now
         elif self.sailed:
             # The mode that it was told to take is not the operator's.
             homeward = self.told_home and self.state.mode == RTL and self.sound
-            self.away = True
+            self.away, self.told_to_hold = True, False
             self.ever_taken = self.ever_taken or not homeward
 
     @property
@@ -105,6 +118,10 @@ class AuthorityMachine(RuleBasedStateMachine):
     @property
     def under_way(self) -> bool:
         return self.sound and self.state.mode == AUTO and self.state.armed
+
+    @property
+    def holds(self) -> bool:
+        return self.sound and self.state.mode == HOLD and self.state.armed
 
     @property
     def ours_to_sail(self) -> bool:
@@ -201,6 +218,40 @@ class AuthorityMachine(RuleBasedStateMachine):
         self.authority.return_cause = cause
         self.hear(heartbeat=False)
 
+    @precondition(lambda self: self.mode == "full" and self.authority.in_command)
+    @rule()
+    def held_from_ashore(self) -> None:
+        self.before = self.authority.action
+        self.told_to_hold = self.authority.hold(self.state)
+        self.seen_to_hold = self.released = False
+        self.told_home = self.told_home or self.authority.action is Action.GO_HOME
+        self.permission = self.authority.decide(self.state)
+
+    @precondition(lambda self: self.mode == "full")
+    @rule()
+    def started_and_held_from_ashore(self) -> None:
+        self.started_by_the_operator()
+        if self.authority.in_command:
+            self.held_from_ashore()
+            self.holds_as_it_was_told()
+
+    @rule()
+    def holds_as_it_was_told(self) -> None:
+        if self.told_to_hold:
+            self.hear(mode=HOLD)
+
+    @rule()
+    def released_from_ashore(self) -> None:
+        self.released = self.released or (self.told_to_hold and self.seen_to_hold and self.holds)
+        self.authority.release(self.state)
+        self.permission = self.authority.decide(self.state)
+
+    @rule(allowed=st.booleans())
+    def start_from_ashore(self, allowed: bool) -> None:
+        self.may_start = allowed
+        self.authority.allow_start(allowed)
+        self.hear(heartbeat=False)
+
     # What holds whatever happens ---------------------------------------------------------------------------------
 
     @invariant()
@@ -215,7 +266,7 @@ class AuthorityMachine(RuleBasedStateMachine):
     @invariant()
     def missions_are_all_that_missions_allows(self) -> None:
         if self.mode == "missions":
-            assert self.authority.action not in (*STARTS, Action.GO_HOME)
+            assert self.authority.action not in (*STARTS, Action.GO_HOME, Action.HOLD)
 
     @invariant()
     def a_failsafe_or_a_strange_autopilot_is_left_alone(self) -> None:
@@ -257,9 +308,10 @@ class AuthorityMachine(RuleBasedStateMachine):
     @invariant()
     def it_starts_by_itself_only_if_nobody_ever_took_it(self) -> None:
         action, state = self.authority.action, self.state
-        if action not in STARTS:
+        if action not in STARTS or self.released:
             return
         assert self.mode == "full"
+        assert self.may_start
         assert not self.ever_taken
         assert not self.sailed
         assert self.verified
@@ -272,6 +324,20 @@ class AuthorityMachine(RuleBasedStateMachine):
         else:
             assert state.mode != AUTO
             assert not state.armed or state.mode == HOLD
+
+    @invariant()
+    def it_is_told_to_hold_only_from_ashore_and_in_auto(self) -> None:
+        if self.authority.action is Action.HOLD:
+            assert self.mode == "full"
+            assert self.told_to_hold
+            assert self.under_way
+
+    @invariant()
+    def a_boat_that_holds_is_left_alone_until_it_is_released(self) -> None:
+        if self.told_to_hold and self.seen_to_hold:
+            assert self.holds
+            assert self.authority.action is (Action.SELECT_AUTO if self.released else Action.LISTEN)
+            assert not self.permission.allowed
 
     @invariant()
     def it_is_sent_home_from_auto_for_a_cause_and_once(self) -> None:

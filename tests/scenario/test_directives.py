@@ -7,8 +7,9 @@ import pytest
 
 from autonomy.effects import Answer, Outcome
 from autonomy.events import CommandReceived
+from sim.autopilot import Mode
 
-from .conftest import FRAME, HARBOUR_M
+from .conftest import FRAME, HARBOUR_M, boat
 
 CLOCK_S = 1_700_000_000.0
 
@@ -75,3 +76,96 @@ def test_replan(voyage: Any) -> None:
     voyage.until("verified on board", patience_s=30.0)
     assert voyage.plans[-1].reason == "asked for from ashore"
     assert not np.array_equal(voyage.on_board_m(), mission)
+
+
+# Mode full: the boat holds, and starts when it is told to ------------------------------------------------------------
+
+
+@pytest.fixture
+def fully(make_voyage: Any) -> Any:
+    """Under way in `full`, by itself."""
+    voyage = make_voyage(authority={"mode": "full"})
+    voyage.until("exploring: in AUTO under our mission", patience_s=60.0)
+    voyage.advance(60.0)
+    return voyage
+
+
+def test_in_full_a_paused_boat_holds_and_goes_on(fully: Any) -> None:
+    answer = told(fully, "pause")
+    assert (answer.outcome, answer.state) == (Outcome.DONE, "paused")
+    fully.advance(10.0)
+    assert fully.autopilot.navigator.mode is Mode.HOLD
+    assert fully.health.reason == "paused from ashore: the boat holds"
+    held = fully.now
+    fully.advance(600.0)
+    assert fully.traffic(since=held) == []
+    assert told(fully, "resume").outcome is Outcome.DONE
+    fully.until("exploring: in AUTO under our mission", patience_s=20.0)
+    assert fully.autopilot.navigator.mode is Mode.AUTO
+    fully.until("verified on board")
+    assert fully.plans[-1].reason == "asked for from ashore"
+
+
+@pytest.mark.parametrize("verb", ["return", "finish"])
+def test_in_full_a_held_boat_can_be_brought_home(fully: Any, verb: str) -> None:
+    told(fully, "pause", settle_s=10.0)
+    assert told(fully, verb).outcome is Outcome.DONE
+    fully.until("finished: ")
+    assert fully.autopilot.navigator.mode is Mode.AUTO
+
+
+def test_in_full_the_operator_may_take_a_boat_that_holds(fully: Any) -> None:
+    told(fully, "pause", settle_s=10.0)
+    fully.select(Mode.MANUAL)
+    fully.advance(5.0)
+    taken = fully.now
+    for verb in ("resume", "return", "finish", "start", "replan", "pause"):
+        answer = told(fully, verb, settle_s=2.0)
+        assert (answer.outcome, answer.state) == (Outcome.REFUSED, "yielded")
+        assert "the operator has the boat (MANUAL)" in answer.text
+    assert fully.traffic(since=taken) == []
+    fully.select(Mode.HOLD)
+    fully.advance(5.0)
+    assert told(fully, "resume", settle_s=30.0).outcome is Outcome.REFUSED
+    assert fully.autopilot.navigator.mode is Mode.HOLD
+
+
+def test_in_full_auto_selected_by_the_operator_ends_the_pause(fully: Any) -> None:
+    told(fully, "pause", settle_s=10.0)
+    fully.select(Mode.AUTO)
+    fully.until("that is over: the operator has taken the boat and given it back", patience_s=20.0)
+    fully.advance(60.0)
+    assert fully.autopilot.navigator.mode is Mode.AUTO
+    assert fully.health.state == "exploring"
+
+
+def test_in_full_the_boat_starts_when_it_is_told_to(make_voyage: Any) -> None:
+    voyage = make_voyage(boat(ready_after_s=30.0), authority={"mode": "full", "start": "on_command"})
+    voyage.advance(10.0)
+    assert told(voyage, "start").text.startswith("it is not ready")
+    voyage.advance(120.0)
+    assert not voyage.autopilot.navigator.armed
+    assert "or for `start` from ashore" in voyage.health.reason
+    assert told(voyage, "start").outcome is Outcome.DONE
+    voyage.until("exploring: in AUTO under our mission", patience_s=30.0)
+
+
+def test_a_start_that_came_to_nothing_is_not_good_for_ever(make_voyage: Any) -> None:
+    voyage = make_voyage(authority={"mode": "full", "start": "on_command"})
+    voyage.advance(60.0)
+    voyage.passes = lambda message: message.get_type() != "COMMAND_LONG" or message.command not in (176, 400)
+    assert told(voyage, "start").outcome is Outcome.DONE
+    voyage.until("it waits for another start", patience_s=100.0)
+    voyage.unstall()
+    voyage.advance(100.0)
+    assert not voyage.autopilot.navigator.armed
+
+
+def test_in_full_pause_keeps_a_boat_from_starting(make_voyage: Any) -> None:
+    voyage = make_voyage(boat(ready_after_s=30.0), authority={"mode": "full"})
+    voyage.advance(10.0)
+    assert told(voyage, "pause").outcome is Outcome.DONE
+    voyage.advance(120.0)
+    assert not voyage.autopilot.navigator.armed
+    assert told(voyage, "start").outcome is Outcome.DONE
+    voyage.until("exploring: in AUTO under our mission", patience_s=30.0)

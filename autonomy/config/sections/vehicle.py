@@ -93,6 +93,11 @@ class AuthoritySection(Section):
         description="missions: upload missions and make them current, in AUTO; full: also select AUTO, arm, and send "
         "the boat home; observe: send nothing but heartbeats and words to the operator, only learn and publish",
     )
+    start: Literal["by_itself", "on_command"] = Field(
+        default="by_itself",
+        description="how the boat is started in mode full: by itself, as soon as it can be, or not before `start` from "
+        "ashore",
+    )
     resume: Literal["when_auto_again", "never"] = Field(
         default="when_auto_again",
         description="how a boat that was taken from us (mode, failsafe, disarmed, another mission) is given back: by "
