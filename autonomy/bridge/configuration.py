@@ -85,7 +85,11 @@ class LineSection(Section):
     checksum: Literal["required", "if_present"] = Field(
         default="required", description="whether a sentence without a checksum is read; a wrong one never is"
     )
-    decimal: Literal[".", ","] = Field(default=".", description="the decimal mark of its numbers")
+    decimal: Literal[".", ","] = Field(
+        default=".",
+        description="the decimal mark of its numbers",
+        json_schema_extra={"allowed": "'.' or ','"},
+    )
     example: str | None = Field(
         default=None,
         max_length=1000,

@@ -8,12 +8,13 @@ import itertools
 import os
 import pty
 import random
+import re
+import shlex
 import socket
 import sys
 import threading
 import time
 import tty
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +23,16 @@ import yaml
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 sys.path.insert(0, str(Path(__file__).parent))
-from at_sea import VEHICLE, configure, operating
 from processes import Processes, Running, free_port, wait_until
 
 from autonomy.mavlink.codec import Codec
-from autonomy.shore.subscriber import Subscriber
 
 pytestmark = pytest.mark.process
 
 LASTS_S = float(os.environ.get("HALOCLINE_BRIDGE_S", "12"))
+DOCS = Path(__file__).parents[2] / "docs"
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+PORTS = re.compile("14560|14551|4001")
 PLUGGED = 3
 RATE_HZ = 20.0
 _BAUD = 115200
@@ -183,50 +185,44 @@ def test_at_twenty_hertz_nothing_is_lost_or_doubled(tmp_path: Path) -> None:
     assert "probe: sending" in vehicle.texts
 
 
-def test_a_survey_learns_from_an_instrument_of_its_own(tmp_path: Path) -> None:
-    """Vessel, bridge and service are real; the instrument says what is where the boat is. The vessel's own sensor,
-    under another name, teaches nothing."""
-    link, operator, ours = free_port(), free_port(), free_port()
-    shore_at, port = f"tcp/127.0.0.1:{free_port()}", Port(tmp_path)
-    vessel = (
-        *("--field", "synthetic-patch", "--start=33.948,-118.810", "--speed-mps", "4", "--speedup", "50"),
-        *("--sensor-name", "OTHER", "--listen", f"udpout:127.0.0.1:{link}"),
-        *("--listen", f"tcp:127.0.0.1:{operator}", "--listen", f"tcp:127.0.0.1:{ours}"),
-    )
-    sensor = {"clock": "vehicle", "intake_forward_m": 3.0}
-    with Processes() as processes, Subscriber(VEHICLE, listen=[shore_at]) as shore:
-        port.plug()
-        service = processes.service(configure(tmp_path, f"udpin:127.0.0.1:{link}", [shore_at], sensor=sensor))
-        processes.vessel(*vessel)
-        values = {"SALT": {"field": 2, "delay_s": 0.2}}
-        file = bridge_file(tmp_path, port, f"tcp:127.0.0.1:{ours}", values=values)
-        running = bridge(processes, file)
-        with operating(f"tcp:127.0.0.1:{operator}") as station, speaking(port, station):
-            service.wait_until(lambda: shore.latest(VEHICLE).model is not None, what="a model")
-            service.wait_until(lambda: shore.latest(VEHICLE).model.samples >= 12, what="twelve samples")
-            health = shore.latest(VEHICLE).health
-        assert running.stop() == 0
+def test_the_desk_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """docs/bridge.md, typed as it stands there, on free ports: from lines of text to a survey that learns from them."""
+    page = (DOCS / "bridge.md").read_text().partition("## At the desk")[2].partition("\n## ")[0]
+    typed = [body.strip() for kind, body in FENCE.findall(page) if not kind for body in body.splitlines()]
+    quoted = [body.splitlines() for kind, body in FENCE.findall(page) if kind]
+    ports = {port: str(free_port()) for port in ("14560", "14551", "4001")}
+
+    def words(line: str) -> list[str]:
+        return ["-m", *shlex.split(PORTS.sub(lambda found: ports[found[0]], line))]
+
+    for name in ("desk", "survey"):
+        text = (DOCS / "bridge" / f"{name}.yaml").read_text()
+        (tmp_path / "docs" / "bridge").mkdir(parents=True, exist_ok=True)
+        (tmp_path / "docs" / "bridge" / f"{name}.yaml").write_text(
+            PORTS.sub(lambda found: ports[found[0]], text)
+        )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(DOCS.parent))
+    sail, check, carry, preflight, survey = typed
+    with Processes() as processes:
+        processes.start(*words(sail)).wait_for("ready on")
+        checked = processes.start(*words(check))
+        assert checked.wait() == 0
+        assert quoted[0][-1] in checked.said
+        assert "SALT = 33." in checked.said
+        bridge = processes.start(*words(carry))
+        for line in quoted[1]:
+            bridge.wait_for(PORTS.sub(lambda found: ports[found[0]], line))
+        looked = processes.start(*words(preflight), "--seconds", "5")
+        looked.wait()
+        service = processes.start(*words(survey))
+        for line in quoted[2][1:]:
+            service.wait_for(line)
+        assert quoted[2][0] in looked.said
+        assert not re.search(r"sensor\.clock|FAIL sensor", looked.said)
+        service.wait_for("re-estimated", within_s=240.0)
         assert service.stop() == 0
-    assert "time unknown" not in str(health)
-    for each in (running, service):
+        assert bridge.stop() == 0
+    for each in (bridge, service, checked, looked):
         assert "Traceback" not in each.said
-
-
-@contextlib.contextmanager
-def speaking(port: Port, station: Any) -> Iterator[None]:
-    """An instrument that says, 20 times a second, what is where the boat is: fresher in the north-west."""
-    done = threading.Event()
-
-    def work() -> None:
-        while not done.wait(1.0 / RATE_HZ):
-            lat, lon = station.track_deg[-1] if station.track_deg else (33.948, -118.810)
-            value = 33.0 + 20.0 * (lat - 33.95) - 15.0 * (lon + 118.81) + random.gauss(0.0, 0.01)
-            port.write(f"#, {value:.4f}, #\r\n".encode())
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join()
+    assert list((tmp_path / "docs" / "bridge" / "raw").glob("raw-000001-*.ndjson"))
