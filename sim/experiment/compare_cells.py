@@ -1,16 +1,13 @@
 """One voyage of a comparison, as a sweep computes it: a sea, a strategy, a launch and a seed, and what came of it."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from time import thread_time
 from typing import Any
 
 import numpy as np
 
-import autonomy
-from autonomy.config import Configuration, load
+from autonomy.config import Configuration
 from autonomy.geometry import FloatArray
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.prediction import Prediction
@@ -23,6 +20,9 @@ from sim.experiment.compare_maps import BatchMap, Read
 from sim.experiment.compare_scores import Score, score
 from sim.experiment.compare_seas import SPEED_MPS, Sea, SeaChoice, open_sea
 from sim.experiment.compare_ways import LANES, ON_BOARD, PAPER
+from sim.experiment.paper_setting import MAP_COLUMNS, MAP_ROWS, profile
+from sim.experiment.waters import cell_middles
+from sim.truth_map import TruthMap
 
 JUDGEMENTS = 20
 """Equal parts of a voyage after which the map is judged."""
@@ -34,8 +34,6 @@ COVER_SIDES = 4.0
 """Length of one cover of a lawnmower that goes to and fro over a sea that moves, in √(water area)."""
 
 _DONE_M = 1.0
-
-PAPER_PROFILE = Path(autonomy.__file__).parents[1] / "config" / "paper.yaml"
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,23 +146,18 @@ def _default(sea: Sea) -> Configuration:
 
 
 def _paper(sea: Sea) -> Configuration:
-    """The paper's profile; it counts lengths in cells of its map, of which there are 351 x 391 here too."""
-    profile = load(PAPER_PROFILE, {})
-    given = profile.model.hyperparameters
-    assert given is not None
-    x_min, y_min, x_max, y_max = sea.waters.survey.bounds
-    cells_m = (x_max - x_min) / 390.0, (y_max - y_min) / 350.0
-    lengthscales = tuple(math.e * cell_m for cell_m in cells_m)
-    return profile.model_copy(
-        update={
-            "model": profile.model.model_copy(
-                update={"hyperparameters": given.model_copy(update={"lengthscales_m": lengthscales})}
-            )
-        }
-    )
+    """The paper's profile; the lengths in it are counted in cells of a map as fine as the paper's."""
+    waters = sea.waters
+    x_min, y_min, x_max, y_max = waters.survey.bounds
+    columns, rows = cell_middles(x_min, x_max, MAP_COLUMNS), cell_middles(y_min, y_max, MAP_ROWS)
+    return profile(TruthMap(waters.field, waters.survey, columns, rows))
 
 
-def _orders(sea: Sea, told: Configuration, launch_m: FloatArray, seed: int) -> voyage.Orders:
+def _orders(
+    sea: Sea, told: Configuration, launch_m: FloatArray, seed: int, planner: voyage.Planner | None = None
+) -> voyage.Orders:
+    # Waypoints over a sea that stands still may be sailed at any pace, and a coarse one is computed sooner.
+    hurries = planner is not None and not sea.choice.moves
     return voyage.Orders(
         waters=sea.waters,
         configuration=told,
@@ -172,7 +165,8 @@ def _orders(sea: Sea, told: Configuration, launch_m: FloatArray, seed: int) -> v
         distance_m=sea.budget_m,
         noise=sea.noise,
         seed=seed,
-        speed_mps=SPEED_MPS,
+        speed_mps=None if hurries else SPEED_MPS,
+        planner=planner,
         judgements=JUDGEMENTS,
         keep_models=True,
     )
@@ -188,8 +182,7 @@ def _sailed_by_the_core(
 def _sailed_by_plan(sea: Sea, strategy: str, launch_m: FloatArray, seed: int) -> tuple[voyage.Voyage, float]:
     pilot = _Pilot(_strategy(sea, strategy, seed), sea, launch_m, seed)
     told = voyage.on_rails(configuration(sea, strategy, seed))
-    orders = replace(_orders(sea, told, launch_m, seed), planner=pilot)
-    return voyage.sail(orders), pilot.spent_s
+    return voyage.sail(_orders(sea, told, launch_m, seed, pilot)), pilot.spent_s
 
 
 def _strategy(sea: Sea, name: str, seed: int) -> strategies.Strategy:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from autonomy.geometry import FloatArray
 from sim.experiment.cells import Result
-from sim.experiment.compare_table import Comparison, run_of
+from sim.experiment.compare_table import Comparison, in_words, run_of
 from sim.experiment.compare_ways import BETTER_LANES, COLOURS, LANES, OURS, ROWS, TITLES
 from sim.plots import INK, LAND, VALUES_MAP
 
@@ -81,9 +81,7 @@ def _ratios_of(axis: Axes, each: Comparison, rows: Sequence[str]) -> None:
     axis.set_xticks(ticks, [f"{t:g}" for t in ticks])
     axis.minorticks_off()
     axis.set_xlabel("Halocline's RMSE / its RMSE")
-    axis.set_title(
-        f"{len(each.seas)} seas that {'move' if each.moves else 'stand still'}, {len(each.runs)} voyages"
-    )
+    axis.set_title(in_words(each), fontsize=11)
     _tidy(axis, "x")
 
 
@@ -92,7 +90,7 @@ def courses(results: Sequence[Result], found: Sequence[Comparison]) -> Picture:
     seas = [sea for each in found for sea in each.seas]
     columns = min(4, len(seas))
     rows = -(-len(seas) // columns)
-    figure = _figure(3.7 * columns, 2.6 * rows + 0.7)
+    figure = _figure(3.7 * columns, 2.6 * rows + 0.9)
     panels: Any = figure.subplots(rows, columns, squeeze=False)
     for axis in panels.flat[len(seas) :]:
         axis.axis("off")
@@ -118,7 +116,14 @@ def courses(results: Sequence[Result], found: Sequence[Comparison]) -> Picture:
     for axis in panels[:, 0]:
         axis.set_ylabel("RMSE / field's std")
     handles, labels = panels.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
+    figure.legend(
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=min(len(labels), 2 * columns),
+        frameon=False,
+        fontsize=9,
+    )
     said = (
         "Error of each strategy's own map along the way, as a share of the field's standard deviation, mean over "
         "the voyages of each sea."
@@ -148,7 +153,7 @@ def maps(results: Sequence[Result], sea: str) -> Picture:
     ours, lanes = own[OURS], own[better]
     x_km, y_km = (np.asarray(ours.values[f"{axis}_axis_m"]) / 1000.0 for axis in "xy")
     height = 4.0 * float(np.clip(np.ptp(y_km) / np.ptp(x_km), 0.4, 1.6))
-    figure = _figure(13.0, height + 1.0)
+    figure = _figure(13.0, height + 1.4)
     panels: Any = figure.subplots(1, 3, sharex=True, sharey=True)
     truth = np.asarray(ours.values["truth"])
     low, high = np.nanpercentile(truth, [0.5, 99.5])

@@ -128,16 +128,22 @@ def table(found: Sequence[Comparison]) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for each in found:
-        seas = f"{len(each.seas)} {'moving' if each.moves else 'still'} seas"
-        lines.append(f"| **{seas}, {_lengths(each)}, {len(each.runs)} voyages each** | | | | | | | |")
+        lines.append(f"| **{in_words(each)}, {_lengths(each)}** | | | | | | | |")
         lines += [_row(each, name) for name in ROWS]
     return "\n".join(lines) + "\n"
+
+
+def in_words(of: Comparison) -> str:
+    """How many seas and voyages."""
+    seas, voyages = len(of.seas), len(of.runs)
+    kind = "moving" if of.moves else "still"
+    return f"{seas} {kind} sea{'s' * (seas > 1)}, {voyages} voyage{'s' * (voyages > 1)} of each strategy"
 
 
 def _row(of: Comparison, name: str) -> str:
     cells = [TITLES[name], _over_seas(of, name, lambda f: f.rmse)]
     if name == OURS:
-        cells += ["", ""]
+        cells += ["1", "–"]
     else:
         against = of.against(name, lambda f: f.rmse)
         cells += [_interval(against), f"{against.better} of {against.voyages}"]
@@ -145,7 +151,7 @@ def _row(of: Comparison, name: str) -> str:
         _mean_over_seas(of, name, lambda f: f.nlpd, ".2f"),
         _mean_over_seas(of, name, lambda f: f.coverage, ".0%").replace("%", " %"),
         _way(of, name),
-        "" if name == OURS else _interval(of.against(name, lambda f: f.batch_rmse)),
+        "1" if name == OURS else _interval(of.against(name, lambda f: f.batch_rmse)),
     ]
     return f"| {' | '.join(cells)} |"
 
@@ -204,7 +210,7 @@ def _interval(found: Ratio) -> str:
 
 def _way(of: Comparison, name: str) -> str:
     if of.moves:
-        return ""
+        return "–"
     ways = [f.to_goal for f in of.figures[name]]
     reached = sum(math.isfinite(way) for way in ways)
     middle = float(np.median(ways))
