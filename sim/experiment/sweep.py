@@ -42,8 +42,8 @@ def run(
     are the same either way. A cell that fails does not keep the others from being computed. Raises `SweepError`
     in the end if any has failed, or at once if the sweep can't begin.
     """
-    known = commit()
-    tasks = [_task(cell, known) for cell in cells]
+    known, inputs = commit(), _digests(cells)
+    tasks = [_task(cell, inputs, known) for cell in cells]
     place = this_machine(jobs) if cluster is None else dask_cluster(cluster)
     store = CellFolder(folder)
     with store.held():
@@ -53,19 +53,27 @@ def run(
         return [_result(cell, task, store) for cell, task in zip(cells, tasks, strict=True)]
 
 
-def _task(cell: Cell, known: Mapping[str, Any]) -> Task:
+def _digests(cells: Sequence[Cell]) -> dict[Path, str]:
+    """Of every input file, read once however many cells name it."""
+    try:
+        return {
+            path: digest_of(path.read_bytes()) for path in {path for cell in cells for path in cell.inputs}
+        }
+    except OSError as error:
+        raise SweepError(f"a cell's input can't be read: {error}") from error
+
+
+def _task(cell: Cell, inputs: Mapping[Path, str], known: Mapping[str, Any]) -> Task:
     module, colon, name = cell.function.partition(":")
     if not (module and colon and name):
         raise SweepError(f"cell {cell.name}: function must be module:function (got {cell.function!r})")
     try:
         arguments = json.dumps(cell.arguments, sort_keys=True, allow_nan=False)
-        inputs = {str(path): digest_of(path.read_bytes()) for path in cell.inputs}
     except (TypeError, ValueError) as error:
         raise SweepError(f"cell {cell.name}: its arguments must be what JSON knows: {error}") from error
-    except OSError as error:
-        raise SweepError(f"cell {cell.name}: its input can't be read: {error}") from error
     version = version_here(module)
-    asked = [cell.function, arguments, sorted(inputs.values()), asdict(version)]
+    read = {str(path): inputs[path] for path in cell.inputs}
+    asked = [cell.function, arguments, list(read.values()), asdict(version)]
     fingerprint = hashlib.sha256(json.dumps(asked).encode()).hexdigest()[:32]
     plain = json.loads(arguments)
     provenance = {
@@ -73,7 +81,7 @@ def _task(cell: Cell, known: Mapping[str, Any]) -> Task:
         "function": cell.function,
         "arguments": plain,
         "seed": plain.get("seed"),
-        "inputs": inputs,
+        "inputs": read,
         **known,
     }
     return Task(fingerprint, cell.function, arguments, version, provenance)
