@@ -11,6 +11,7 @@ from typing import Any
 from autonomy.bridge.condition import Complaints, Condition
 from autonomy.bridge.configuration import BridgeConfiguration
 from autonomy.bridge.gate import PUMP_OFF, PUMP_UNKNOWN
+from autonomy.bridge.lines import LONGEST_LINE
 from autonomy.bridge.link import VehicleLink
 from autonomy.bridge.translator import Translator
 
@@ -98,6 +99,19 @@ class Bridge:
     def port_down(self, reason: str) -> None:
         """The instrument's port is not open any more, or can't be opened."""
         self._port = reason
+
+    def link_down(self) -> None:
+        """The link to the vehicle is not open any more."""
+        self._link.clock.forget()
+
+    def knows_time(self, now: float) -> bool:
+        """Whether the vehicle's clock is known, without which nothing can be sent."""
+        return self._link.clock.is_known(now)
+
+    def on_noise(self, now: float) -> None:
+        """Bytes came that make no line."""
+        self._line_s = now
+        self._complaints.add("", f"more than {LONGEST_LINE} bytes without an end; another baud rate?")
 
     def on_line(self, now: float, line: str) -> Outcome:
         """Take in a line that came at `now`."""

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Hashable, Iterator
 from pathlib import Path
 
-from autonomy.bridge.configuration import BridgeConfiguration
+from autonomy.bridge.configuration import BridgeConfiguration, ValueSection
 from autonomy.bridge.lines import LineSplitter
 from autonomy.bridge.recorded import read_recorded
 from autonomy.bridge.translator import Translator
@@ -17,6 +17,7 @@ class Checker:
 
     def __init__(self, configuration: BridgeConfiguration) -> None:
         self._translator = Translator(configuration)
+        self._values = configuration.values
         self.lines = 0
 
     @property
@@ -31,13 +32,19 @@ class Checker:
         yield line if line.isprintable() else ascii(line)
         if made.unreadable:
             yield f"  can't be read: {made.unreadable}"
-        elif made.withheld:
+        elif not made.numbers:
+            yield "  another sentence"
+        for name, number in made.numbers.items():
+            yield f"  {name} = {number:.9g}{_corrections(self._values[name])}"
+        if made.withheld:
             yield f"  withheld: {made.withheld}"
-        elif not made.values:
-            yield "  nothing to be sent"
-        for name, timed in made.values.items():
-            age = f", of water taken in {now - timed.taken_s:.1f} s before" if now > timed.taken_s else ""
-            yield f"  {name} = {timed.value:.9g}{age}"
+
+
+def _corrections(value: ValueSection) -> str:
+    """What is done to it besides, in words."""
+    if value.response == "sharpen":
+        return f", to be sharpened; of water taken in {value.delay_s:g} s before"
+    return f", of water taken in {value.lag_s:g} s before" if value.lag_s else ""
 
 
 def check_file(configuration: BridgeConfiguration, path: Path, every_s: float, most: int) -> int:

@@ -42,6 +42,10 @@ class VehicleClock:
         """Whether the vehicle has told its time within the last seconds."""
         return self._heard_s is not None and now - self._heard_s <= _SILENCE_S
 
+    def forget(self) -> None:
+        """The link is gone: nothing is known of the vehicle's clock before it is heard again."""
+        self._heard_s = None
+
     def observe(self, now: float, time_boot_ms: int) -> None:
         """A message of the vehicle, stamped so, has arrived."""
         model_s = self._clock.observe(now, time_boot_ms)

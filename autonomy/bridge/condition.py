@@ -31,7 +31,7 @@ class Complaints:
         """Another one."""
         self._count += 1
         shown = line if len(line) <= _SHOWN else line[: _SHOWN - 3] + "..."
-        self._newest = f"{reason}: {shown!a}"
+        self._newest = f"{reason}: {shown!a}" if line else reason
 
     def due(self, now: float) -> str | None:
         """What is to be told now, if anything."""

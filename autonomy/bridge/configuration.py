@@ -1,6 +1,7 @@
 """The configuration of a bridge: which instrument, what its lines look like, what is made of them."""
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -8,12 +9,13 @@ from pydantic import Field, PlainValidator, ValidationError
 from pydantic_core import PydanticCustomError
 
 from autonomy.bridge.patterns import Columns, LineError, Pattern, PatternError, Reader, Sentence, number
-from autonomy.config import ConfigurationError, LoggingSection, SigningSection
+from autonomy.config import ConfigurationError, LoggingSection, Problem, SigningSection
 from autonomy.config.file import read_document, shown
 from autonomy.config.sections.section import Conflict, Section
-from autonomy.config.translate import translate
+from autonomy.config.translate import origin_at, translate
 from autonomy.config.types import ENDPOINT_FORMS, Endpoint, Finite, FolderPath, NonNegative, Positive
 from autonomy.mavlink.companion import BRIDGE_COMPONENT
+from autonomy.mavlink.signing import KeyFileError, read_key
 
 LONGEST_LAG_S = 60.0
 """Of hose and response together; the service knows for so long where the boat was."""
@@ -321,8 +323,12 @@ class BridgeConfiguration(Section):
         return max(each.delay_s for each in values) + 3.0 * max(each.response_s for each in values)
 
 
-def load_bridge(path: Path | str) -> BridgeConfiguration:
-    """Read a bridge's configuration; names of files in it are relative to it.
+def load_bridge(path: Path | str, environment: Mapping[str, str] | None = None) -> BridgeConfiguration:
+    """Read a bridge's configuration; names of files in it are relative to it. Its signing key is tried, too.
+
+    Args:
+        path: a YAML file.
+        environment: of the process; None means this one's. It overrides nothing.
 
     Raises:
         ConfigurationError: its `problems` are all the mistakes, each with file, line, column and key.
@@ -340,6 +346,12 @@ def load_bridge(path: Path | str) -> BridgeConfiguration:
     except ValidationError as error:
         found = [each.problem for each in translate(error, document, BridgeConfiguration)]
         raise ConfigurationError([*document.problems, *found]) from None
-    if document.problems:
-        raise ConfigurationError(document.problems)
+    problems = list(document.problems)
+    try:
+        read_key(configuration.mavlink.signing, os.environ if environment is None else environment)
+    except KeyFileError as error:
+        origin = origin_at(("mavlink", "signing", "key_file"), document)
+        problems.append(Problem(origin, "mavlink.signing.key_file", str(error)))
+    if problems:
+        raise ConfigurationError(problems)
     return configuration

@@ -68,16 +68,18 @@ class BridgeDaemon:
             self._configuration.mavlink.endpoint,
             on_bytes=self._on_vehicle,
             on_up=lambda: log.info("link to the vehicle: %s", self._configuration.mavlink.endpoint),
-            on_down=lambda reason: log.warning("no link to the vehicle: %s", reason),
+            on_down=self._vehicle_down,
         )
         port = None if self._source is not None else self._open_port()
-        source = None if self._source is None else asyncio.create_task(self._source(self._on_line))
-        if source is not None:
-            self._bridge.port_up(loop.time())
+        source = None if self._source is None else asyncio.create_task(self._play(self._source))
+        keepers = [self._vehicle.keeper, *([] if port is None else [port.keeper])]
         self._notifier.ready()
         try:
             while not stop.is_set() and not (source is not None and source.done()):
                 self._step(loop.time())
+                for keeper in keepers:
+                    if keeper.done():
+                        keeper.result()  # it never ends but by a bug
                 try:
                     async with asyncio.timeout(_STEP_S):
                         await stop.wait()
@@ -115,6 +117,18 @@ class BridgeDaemon:
         self._splitter = LineSplitter(is_stream=port.is_stream, data_bits=instrument.data_bits)
         return port
 
+    async def _play(self, source: Source) -> None:
+        """Hand over what was recorded, once it can be sent on."""
+        loop = asyncio.get_running_loop()
+        while not self._bridge.knows_time(loop.time()):
+            await asyncio.sleep(_STEP_S)
+        self._bridge.port_up(loop.time())
+        await source(self._on_line)
+
+    def _vehicle_down(self, reason: str) -> None:
+        log.warning("no link to the vehicle: %s", reason)
+        self._bridge.link_down()
+
     def _port_up(self) -> None:
         assert self._splitter is not None
         self._splitter.restart()
@@ -122,8 +136,11 @@ class BridgeDaemon:
 
     def _on_instrument(self, data: bytes, peer: Hashable) -> None:
         assert self._splitter is not None
+        too_long = self._splitter.counters.too_long
         for line in self._splitter.add(data):
             self._on_line(line)
+        if self._splitter.counters.too_long > too_long:
+            self._bridge.on_noise(asyncio.get_running_loop().time())
 
     def _on_line(self, line: str) -> None:
         now = asyncio.get_running_loop().time()

@@ -1,6 +1,7 @@
 """A line of an instrument as readings, each with the time at which its water was taken in. Pure."""
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from autonomy.bridge.configuration import BridgeConfiguration, ValueSection
@@ -17,11 +18,13 @@ class Translation:
 
     Attributes:
         values: what is to be sent, by name.
+        numbers: what the line says, scaled, by name; empty if it could not be read.
         unreadable: why it could not be read; empty if it could.
         withheld: why its values are not sent; empty if they are.
     """
 
-    values: dict[str, Timed]
+    values: Mapping[str, Timed]
+    numbers: Mapping[str, float]
     unreadable: str = ""
     withheld: str = ""
 
@@ -51,18 +54,18 @@ class Translator:
             numbers = {name: self._number(value, fields) for name, value in self._values.items()}
             withheld = self.gate.withheld(now, fields)
         except OtherSentenceError:
-            return Translation({})
+            return Translation({}, {})
         except LineError as error:
             self.unreadable[str(error)] += 1
-            return Translation({}, unreadable=str(error))
+            return Translation({}, {}, unreadable=str(error))
         self.read += 1
         if withheld is not None:
             self.withheld[withheld] += 1
             for each in self._corrections.values():
                 each.restart()
-            return Translation({}, withheld=withheld)
+            return Translation({}, numbers, withheld=withheld)
         timed = {name: self._corrections[name].add(now, value) for name, value in numbers.items()}
-        return Translation({name: value for name, value in timed.items() if value is not None})
+        return Translation({name: value for name, value in timed.items() if value is not None}, numbers)
 
     def _number(self, value: ValueSection, fields: Fields) -> float:
         text = fields.get(value.field)

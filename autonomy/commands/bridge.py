@@ -88,14 +88,9 @@ def _run(configuration: BridgeConfiguration, arguments: argparse.Namespace) -> i
     from autonomy.bridge.daemon import BridgeDaemon
     from autonomy.bridge.recorded import RecordingError, play, read_recorded
     from autonomy.bridge.start import open_raw_log, open_signing
-    from autonomy.mavlink.signing import KeyFileError
 
     log = logging.getLogger("autonomy.bridge")
-    try:
-        signed_link = open_signing(configuration, os.environ)
-    except KeyFileError as error:
-        sys.stderr.write(f"{arguments.config}: mavlink.signing.key_file: {error}\n")
-        return 78
+    signed_link = open_signing(configuration, os.environ)
     source = None
     if arguments.replay:
         source = partial(play, read_recorded(Path(arguments.replay), arguments.every))

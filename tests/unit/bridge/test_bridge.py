@@ -169,3 +169,22 @@ def test_the_pump_of_another_vehicle_is_not_ours() -> None:
     assert rig.line().withheld == "nobody tells of the pump"
     rig.hear(running, Codec(1, 40))
     assert rig.line().messages
+
+
+def test_bytes_without_an_end_are_no_silence() -> None:
+    rig = Rig(instrument={"name": "probe", "silence_s": 5})
+    rig.wait(10.0)
+    for _ in range(20):
+        rig.bridge.on_noise(rig.now)
+        rig.wait(1.0, None)
+    assert rig.log[-1][1] == "probe: no line can be read"
+    assert any("another baud rate?" in text for _, text in rig.log)
+
+
+def test_with_the_link_goes_the_time() -> None:
+    rig = Rig()
+    rig.wait(3.0)
+    rig.bridge.link_down()
+    assert rig.line().unsent
+    rig.vehicle()
+    assert rig.line().messages

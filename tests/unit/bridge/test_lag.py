@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autonomy.bridge.lag import Sharpen, Shift, Timed
@@ -42,7 +42,7 @@ def test_a_steady_gradient_is_only_late_and_a_shift_cures_that() -> None:
 
 @pytest.mark.parametrize("interval_s", [0.05, 0.3, 1.0, 4.0])
 def test_a_step_is_where_it_was(interval_s: float) -> None:
-    times = np.arange(0.0, 200.0, interval_s)
+    times = np.arange(80.0, 150.0, interval_s)
     made = run(Sharpen(8.0, TAU, TAU), times, responded(times, 100.3 + 8.0))
     assert abs(crossing(made) - 100.3) < 0.5 * interval_s + 0.01
 
@@ -54,7 +54,8 @@ def test_shifted_alone_a_step_is_too_early_by_a_third_of_the_response() -> None:
     assert crossing(made) - 100.0 == pytest.approx(-(1.0 - math.log(2.0)) * TAU, abs=0.05)
 
 
-@given(st.lists(st.floats(0.02, 3.0), min_size=30, max_size=80), st.floats(-0.5, 0.5))
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(0.02, 3.0), min_size=30, max_size=60), st.floats(-0.5, 0.5))
 def test_whatever_the_intervals_a_gradient_is_restored(intervals: list[float], slope: float) -> None:
     """y = k (t - τ) + k τ exp(-t/τ) is the answer to x = k t from rest, exactly."""
     times = np.cumsum(intervals)
@@ -66,7 +67,7 @@ def test_whatever_the_intervals_a_gradient_is_restored(intervals: list[float], s
 def test_the_noise_grows_by_what_is_promised() -> None:
     """A window as long as τ: about 1.2 sqrt(n)... for n readings in it the factor is near sqrt(12 / n)."""
     rng = np.random.default_rng(1)
-    times = np.arange(0.0, 4000.0, 0.25)
+    times = np.arange(0.0, 2000.0, 0.25)
     made = run(Sharpen(0.0, TAU, TAU), times, rng.normal(size=times.size))
     assert np.std([each.value for each in made]) == pytest.approx(math.sqrt(12 / 20), rel=0.15)
 
