@@ -1,7 +1,7 @@
-"""The bench of docs/first-day.md, typed as it stands there: from a drawn polygon to a survey under way.
+"""docs/bench.md, typed as it stands there: from a drawn polygon and an instrument's lines to a survey under way.
 
 Ports are free ones instead of those on the page, preflight listens for a shorter while; nothing else is changed.
-With HALOCLINE_FIRST_DAY set it goes on to the page's end, where the simulated boat sails; without, to preflight.
+With HALOCLINE_FIRST_DAY set all of it is typed; without, neither the dry run nor what comes after preflight.
 """
 
 import os
@@ -21,9 +21,10 @@ from processes import Processes, Running, free_port
 
 pytestmark = pytest.mark.process
 DOCS = Path(__file__).parents[2] / "docs"
-BENCH = (DOCS / "first-day.md").read_text().partition("## 1. The bench")[2].partition("\n## 2.")[0]
+BENCH = (DOCS / "bench.md").read_text()
+ALL = "HALOCLINE_FIRST_DAY" in os.environ
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-PORTS = ("14550", "14551", "7447")
+PORTS = ("14550", "14551", "14560", "5600", "7447")
 AT_ONCE = {"autonomy": autonomy, "sim": sim}
 
 
@@ -50,7 +51,11 @@ class Bench:
         """The page's next command, which begins so."""
         line = self._left.pop(0)
         assert line.startswith(begins), line
-        return shlex.split(re.sub("|".join(PORTS), lambda found: self._ports[found[0]], line))
+        return shlex.split(self.with_free_ports(line))
+
+    def with_free_ports(self, text: str) -> str:
+        """The same, with this test's ports."""
+        return re.sub(rf"\b({'|'.join(PORTS)})\b", lambda found: self._ports[found[0]], text)
 
     def type(self, begins: str, *more: str) -> int:
         """Type it, and wait for its end."""
@@ -68,12 +73,16 @@ class Bench:
 
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
-    (tmp_path / "docs").symlink_to(DOCS)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setenv("PYTHONPATH", str(DOCS.parent))
     with Processes() as processes:
-        yield Bench(processes)
+        made = Bench(processes)
+        for file in (DOCS / "first-day").iterdir():
+            copy = tmp_path / "docs" / "first-day" / file.name
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_text(made.with_free_ports(file.read_text()))
+        yield made
 
 
 def test_the_bench(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
@@ -87,15 +96,26 @@ def test_the_bench(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
     assert bench.type("autonomy plan") == 0
     told = f"\n{capsys.readouterr().out}"
     assert [line for line in quoted("planner") if f"\n{line.split()[0]} " not in told] == []
+    dry_run = bench.words("sim dry-run")
+    if ALL:
+        assert sim(dry_run[1:]) == 0
+        assert Path("dry-run/dry-run.png").exists()
 
     vessel = bench.leave_running("sim vessel")
     vessel.wait_for("ready on")
+    assert bench.type("autonomy bridge", "--lines", "2") == 0
+    told = capsys.readouterr().out
+    assert "\n  SALT = 33." in told
+    assert "2 of 2 lines can be read" in told
+    bridge = bench.leave_running("autonomy bridge")
+    bridge.wait_for("sending")
     assert bench.type("autonomy preflight", "--seconds", "4") == 0
     told = capsys.readouterr().out
     steady = [line for line in quoted("pass autopilot") if not re.search(r"\d+ (readings|pass)", line)]
     assert [line for line in steady if line not in told.splitlines()] == []
+    assert re.search(r"^pass sensor.name +SALT is heard", told, re.MULTILINE)
     vessel.stop()
-    if "HALOCLINE_FIRST_DAY" not in os.environ:
+    if not ALL:
         return
 
     bench.leave_running("sim vessel").wait_for("ready on")
@@ -104,5 +124,6 @@ def test_the_bench(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
     for line in quoted("plan 1"):
         service.wait_for(re.split(r"[(:]", line)[0] if line.startswith("plan") else line.split(" of ")[0])
     shore.wait_for("boat1: connected")
+    service.wait_for("re-estimated")
     assert bench.is_done
     assert service.stop() == 0
