@@ -5,7 +5,7 @@ import logging
 import os
 import signal
 import time
-from collections.abc import Callable, Coroutine, Hashable, Iterable
+from collections.abc import Callable, Coroutine, Hashable, Iterable, Sequence
 from typing import Any
 
 from autonomy.bridge.bridge import Bridge
@@ -58,7 +58,11 @@ class BridgeDaemon:
         self._tend_due = 0.0
 
     async def run(self) -> None:
-        """Carry lines."""
+        """Carry lines.
+
+        Raises:
+            Exception: whatever the source raised, or a bug of ours.
+        """
         loop = asyncio.get_running_loop()
         stop = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
@@ -70,33 +74,40 @@ class BridgeDaemon:
             on_up=lambda: log.info("link to the vehicle: %s", self._configuration.mavlink.endpoint),
             on_down=self._vehicle_down,
         )
-        port = None if self._source is not None else self._open_port()
-        source = None if self._source is None else asyncio.create_task(self._play(self._source))
-        keepers = [self._vehicle.keeper, *([] if port is None else [port.keeper])]
+        port = self._open_port() if self._source is None else None
+        played = asyncio.create_task(self._play(self._source)) if self._source is not None else None
         self._notifier.ready()
         try:
-            while not stop.is_set() and not (source is not None and source.done()):
-                self._step(loop.time())
-                for keeper in keepers:
-                    if keeper.done():
-                        keeper.result()  # it never ends but by a bug
-                try:
-                    async with asyncio.timeout(_STEP_S):
-                        await stop.wait()
-                except TimeoutError:
-                    continue
-            if source is not None and source.done():
-                source.result()
+            await self._work(stop, [each for each in (port, self._vehicle) if each is not None], played)
         finally:
             self._notifier.stopping()
             for each in (port, self._vehicle):
                 if each is not None:
                     await each.close()
-            if source is not None:
-                source.cancel()
+            if played is not None:
+                played.cancel()
             self._tell()
             log.info("%s%s", self._bridge.report(), self._of_the_port())
             await asyncio.to_thread(self._close)
+
+    async def _work(
+        self, stop: asyncio.Event, transports: Sequence[Transport], played: "asyncio.Task[None] | None"
+    ) -> None:
+        """Do what is due until the stop, or the end of what is played."""
+        loop = asyncio.get_running_loop()
+        while not stop.is_set():
+            self._step(loop.time())
+            for each in transports:
+                if each.keeper.done():
+                    each.keeper.result()  # it never ends but by a bug
+            if played is not None and played.done():
+                return played.result()
+            try:
+                async with asyncio.timeout(_STEP_S):
+                    await stop.wait()
+            except TimeoutError:
+                continue
+        return None
 
     def _close(self) -> None:
         if self._raw is not None:

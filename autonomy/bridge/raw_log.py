@@ -12,10 +12,11 @@ import json
 import logging
 import queue
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from autonomy.shell.state_directory import state_directory
 
@@ -51,7 +52,6 @@ class RawLog:
         self._written = 0
         self.dropped = 0
         """Lines that were not recorded, because the disk did not keep up or failed."""
-        folder.mkdir(parents=True, exist_ok=True)
         self._file = self._begin()
         self._thread = threading.Thread(target=self._work, name="raw-log", daemon=True)
         self._thread.start()
@@ -69,8 +69,9 @@ class RawLog:
         self._thread.join()
         self._file.close()
 
-    def _begin(self) -> Any:
+    def _begin(self) -> TextIO:
         """Begin another file: numbered on, so that names are in order even if the clock is set back."""
+        self._folder.mkdir(parents=True, exist_ok=True)
         numbers = [int(path.stem.split("-")[1]) for path in self._files()]
         date = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
         path = self._folder / f"raw-{max(numbers, default=0) + 1:06d}-{date}{SUFFIX}"
@@ -92,9 +93,11 @@ class RawLog:
             if text is None:
                 self._try(self._file.flush)
                 return
-            self._try(lambda text=text: self._write(text))
+            self._try(partial(self._write, text))
 
     def _write(self, text: str) -> None:
+        if self._file.closed:  # another could not be begun
+            self._file = self._begin()
         self._file.write(text + "\n")
         self._written += len(text.encode()) + 1
         if self._written < self._file_bytes:
@@ -107,7 +110,7 @@ class RawLog:
             files.pop(0).unlink()
             sizes.pop(0)
 
-    def _try(self, action: Any) -> None:
+    def _try(self, action: Callable[[], object]) -> None:
         try:
             action()
         except (OSError, ValueError) as error:

@@ -6,6 +6,7 @@ the desk of docs/bridge.md goes on to preflight and a survey; without, to the br
 
 import contextlib
 import itertools
+import json
 import os
 import pty
 import random
@@ -184,6 +185,21 @@ def test_at_twenty_hertz_nothing_is_lost_or_doubled(tmp_path: Path) -> None:
     assert "Traceback" not in running.said
     assert running.said.count("can't read") <= 3
     assert "probe: sending" in vehicle.texts
+
+
+def test_what_was_recorded_is_sent_again(tmp_path: Path) -> None:
+    """Once the vehicle's clock is known: nothing is played to nobody."""
+    raw = tmp_path / "raw.ndjson"
+    lines = [{"host_s": 7.0 + 0.1 * k, "line": f"#, {k}, #"} for k in range(15)]
+    raw.write_text("".join(json.dumps(each) + "\n" for each in [{"bridge": "0.1"}, *lines]))
+    with Processes() as processes, Vehicle() as vehicle:
+        file = bridge_file(tmp_path, Port(tmp_path), f"udpout:127.0.0.1:{vehicle.port}")
+        running = bridge(processes, file, "--replay", str(raw))
+        assert running.wait() == 0
+        wait_until(lambda: len(vehicle.readings) == 15, what="all of it")
+    assert [value for value, _ in vehicle.readings] == [float(k) for k in range(15)]
+    steps = [after - before for (_, before), (_, after) in itertools.pairwise(vehicle.readings)]
+    assert sum(steps) >= 1300  # milliseconds: at its own pace, or later on a busy machine
 
 
 def test_the_desk_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """The recording of lines: complete, rotated, bounded; and read again."""
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -44,19 +45,33 @@ def test_another_run_goes_on_in_another_file(tmp_path: Path) -> None:
     assert [each.name[:10] for each in files(tmp_path)] == ["raw-000001", "raw-000002", "raw-000003"]
 
 
-def test_a_folder_that_is_taken_away_costs_only_the_recording(
+def test_a_folder_that_can_not_be_written_costs_lines_only_for_so_long(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    folder = tmp_path / "raw"
+    """The folder becomes a file, and a folder again."""
+    caplog.set_level("INFO")
+    folder, elsewhere = tmp_path / "raw", tmp_path / "elsewhere"
     raw = RawLog(folder, HEADER, 200, 1e4)
-    for file in files(folder):
-        file.unlink()
-    folder.rmdir()
-    for k in range(50):
-        raw.add({"host_s": float(k), "line": "x" * 50})
+
+    def add(count: int) -> None:
+        for k in range(count):
+            raw.add({"host_s": float(k), "line": "x" * 50})
+
+    folder.rename(elsewhere)
+    folder.touch()
+    add(20)
+    deadline = time.monotonic() + 60.0
+    while not raw.dropped:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    folder.unlink()
+    add(20)
     raw.close()
-    assert raw.dropped > 0
-    assert [each.message for each in caplog.records if "not recorded" in each.message]
+    assert 0 < raw.dropped < 40
+    assert files(folder)
+    told = [each.message for each in caplog.records if "recorded" in each.message]
+    assert told[0].startswith("lines are not recorded: ")
+    assert told[-1] == "lines are recorded again"
 
 
 def test_any_text_is_played_a_line_a_second_or_as_it_is_told(tmp_path: Path) -> None:
