@@ -5,9 +5,10 @@ import sys
 from collections.abc import Hashable, Iterator
 from pathlib import Path
 
-from autonomy.bridge.configuration import BridgeConfiguration, ValueSection
+from autonomy.bridge.configuration import BridgeConfiguration
 from autonomy.bridge.lines import LineSplitter
 from autonomy.bridge.recorded import read_recorded
+from autonomy.bridge.sections import ValueSection
 from autonomy.bridge.translator import Translator
 from autonomy.shell.transport import Transport
 

@@ -4,10 +4,11 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from autonomy.bridge.configuration import BridgeConfiguration, ValueSection
+from autonomy.bridge.configuration import BridgeConfiguration
 from autonomy.bridge.gate import Gate
 from autonomy.bridge.lag import Correction, Sharpen, Shift, Timed
 from autonomy.bridge.patterns import LARGEST, TOO_LARGE, Fields, LineError, OtherSentenceError, number
+from autonomy.bridge.sections import ValueSection
 
 _LEAST_STEP_S = 1e-3
 
