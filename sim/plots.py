@@ -90,14 +90,14 @@ def demo_figure(
     believed = np.where(water, np.asarray(mean, dtype=float), np.nan)
     for axis, name, values in ((axes[0], "truth", truth), (axes[1], "nowcast", believed)):
         image = _map(axis, name, x_km, y_km, values, VALUES_MAP, low, high)
-        _shapes(axis, x_km, y_km, values, water, contours)
+        draw_shapes(axis, x_km, y_km, values, water, contours)
         _draw(axis, overlay)
     _bar(figure, image, list(axes[:2]), quantity)
     deviation = np.where(water, np.asarray(standard_deviation, dtype=float), np.nan)
     image = _map(
         axes[2], "standard deviation", x_km, y_km, deviation, DEVIATION_MAP, 0.0, float(np.nanmax(deviation))
     )
-    _shapes(axes[2], x_km, y_km, deviation, water, None)
+    draw_shapes(axes[2], x_km, y_km, deviation, water, None)
     _draw(axes[2], overlay)
     _bar(figure, image, [axes[2]], f"standard deviation{f' ({units})' if units else ''}")
     axes[0].set_ylabel("north (km)")
@@ -139,7 +139,7 @@ def _map(
     return image
 
 
-def _shapes(
+def draw_shapes(
     axis: Axes, x_km: FloatArray, y_km: FloatArray, values: FloatArray, water: Any, levels: FloatArray | None
 ) -> None:
     """Faint contours, and the shore."""
