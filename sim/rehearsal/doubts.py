@@ -109,6 +109,12 @@ def _about_the_map(outcome: Outcome) -> Iterator[Doubt]:
             f"{sailed.km:.1f} km are too few for {outcome.survey.area_m2 / 1e6:.3g} km² of water: tracks lie "
             f"{spacing_km:.2g} km apart{length}; {needed_km:.0f} km or a smaller area would make a map",
         )
+    if not sailed.reestimates:
+        yield Doubt(
+            "map",
+            f"{last.samples} readings were learnt and the model never re-estimated, so the map is that of a first "
+            "guess: sail farther, or learn more readings (sampling.spacing_m)",
+        )
     if last.rmse > TOO_SURE * last.expected:
         yield Doubt(
             "map",

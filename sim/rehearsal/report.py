@@ -28,6 +28,7 @@ def plain(outcome: Outcome) -> dict[str, Any]:
         "plans": [_plain_plan(plan) for plan in sailed.plans],
         "samples": last.samples,
         "basis_size": len(sailed.basis_m),
+        "reestimates": sailed.reestimates,
         "field_std": sailed.field_std,
         "noise_std": sailed.noise,
         "rmse_expected": last.expected,

@@ -220,6 +220,7 @@ class _Rehearsal(DiscreteRun):
             mean=mean,
             deviation=deviation,
             basis_m=np.array(self.core.learner.basis, dtype=float).reshape(-1, 2),
+            reestimates=sum(text.startswith("re-estimated") for _, text in self.log),
             warnings=self._warnings(),
         )
 

@@ -82,6 +82,7 @@ class Sailed:
         moments: in order, the last at the end.
         mean, deviation: of the map at the end, shape (ny, nx), NaN where there is no water.
         basis_m: shape (m, 2).
+        reestimates: how often the hyperparameters were estimated anew.
         warnings: the core's own, once each.
     """
 
@@ -104,6 +105,7 @@ class Sailed:
     mean: FloatArray
     deviation: FloatArray
     basis_m: FloatArray
+    reestimates: int
     warnings: tuple[str, ...]
 
     @property
