@@ -156,8 +156,8 @@ class Bridge:
     def report(self) -> str:
         """What came and what became of it, since the start."""
         counts = {**self._translator.unreadable, **self._translator.withheld}
-        told = "".join(f", {count} {reason}" for reason, count in counts.items())
-        return f"{self._name}: {self.lines} lines, {self.sent} readings sent{told}"
+        told = "".join(f", {reason}: {count}" for reason, count in counts.items())
+        return f"{self._name}: lines: {self.lines}, readings sent: {self.sent}{told}"
 
     def _tell(self, now: float) -> None:
         condition = self._condition(now)

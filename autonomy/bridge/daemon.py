@@ -193,4 +193,4 @@ class BridgeDaemon:
             return ""
         counters = self._splitter.counters
         parts = ((counters.fragments, "broken off"), (counters.too_long, "too long"))
-        return "".join(f", {count} {what}" for count, what in parts if count)
+        return "".join(f", {what}: {count}" for count, what in parts if count)

@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import faulthandler
 import logging
 import os
 import sys
@@ -89,6 +90,8 @@ def _run(configuration: BridgeConfiguration, arguments: argparse.Namespace) -> i
     from autonomy.bridge.recorded import RecordingError, play, read_recorded
     from autonomy.bridge.start import open_raw_log, open_signing
 
+    # The hung line is what one wants to know when the watchdog strikes with SIGABRT.
+    faulthandler.enable()
     log = logging.getLogger("autonomy.bridge")
     signed_link = open_signing(configuration, os.environ)
     source = None

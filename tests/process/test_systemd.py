@@ -27,6 +27,12 @@ UNIT = "halocline@boat1.service"
 LINK, OPERATOR, SHORE = "127.0.0.1:14550", "127.0.0.1:5760", "tcp/127.0.0.1:7447"
 EXPLORING = "exploring: in AUTO under our mission"
 PYTHON = "/opt/halocline/bin/python"
+BRIDGE = """\
+instrument: {name: probe, endpoint: "udpin:127.0.0.1:5600"}
+line: {columns: 1}
+values: {SALT: {field: 1}}
+mavlink: {endpoint: "udpout:127.0.0.1:14570"}
+"""
 BOOT = """
 mount -t overlay overlay -o lowerdir=/,upperdir="$1"/upper,workdir="$1"/work "$1"/root || exit 9
 exec systemd-nspawn --quiet --boot --register=no --keep-unit --private-network --console=pipe --machine=halocline \
@@ -38,7 +44,9 @@ OPERATE = f"import asyncio; from sim.operator import Operator; asyncio.run(Opera
 
 
 class Machine:
-    """A container, as its `systemd-nspawn` runs it."""
+    """A container, as its `systemd-nspawn` runs it; `unit` is the one that is asked about."""
+
+    unit = UNIT
 
     def __init__(self, container: Running) -> None:
         self._children = Path(f"/proc/{container.pid}/task/{container.pid}/children")
@@ -53,13 +61,13 @@ class Machine:
 
     def show(self, *names: str) -> dict[str, str]:
         """Properties of the unit."""
-        said = self.run("systemctl", "show", UNIT, *(f"--property={name}" for name in names))
+        said = self.run("systemctl", "show", self.unit, *(f"--property={name}" for name in names))
         return dict(line.split("=", 1) for line in said.splitlines())
 
     @property
     def journal(self) -> str:
         """What the unit has said, and systemd of it, all starts together."""
-        return self.run("journalctl", "--no-pager", "--output=cat", "--unit", UNIT)
+        return self.run("journalctl", "--no-pager", "--output=cat", "--unit", self.unit)
 
     def wait_for(self, words: str, count: int = 1, within_s: float = 120.0) -> None:
         """Wait until the unit's journal holds these words `count` times."""
@@ -80,6 +88,8 @@ def lay_out(folder: Path) -> None:
     (etc / "machine-id").write_text(uuid.uuid4().hex + "\n")
     shutil.copy(REPOSITORY / "systemd" / "halocline@.service", etc / "systemd/system")
     configure(etc / "halocline", f"udpin:{LINK}", [SHORE]).rename(etc / "halocline/boat1.yaml")
+    shutil.copy(REPOSITORY / "systemd" / "halocline-bridge@.service", etc / "systemd/system")
+    (etc / "halocline/bridge-probe.yaml").write_text(BRIDGE)
     # A second vehicle, whose link is signed.
     second = "halocline@boat2.service"
     vehicle = {"name": "boat2"}
@@ -93,9 +103,10 @@ def lay_out(folder: Path) -> None:
     drop_ins.mkdir()
     shutil.copy(REPOSITORY / "systemd" / "signing.conf", drop_ins)
     # A Python that is somewhere else than it was built for looks for its library there.
-    drop_in = etc / "systemd/system/halocline@.service.d/python.conf"
-    drop_in.parent.mkdir()
-    drop_in.write_text(f"[Service]\nEnvironment={LIBRARY}\n")
+    for unit in ("halocline", "halocline-bridge"):
+        drop_in = etc / f"systemd/system/{unit}@.service.d/python.conf"
+        drop_in.parent.mkdir()
+        drop_in.write_text(f"[Service]\nEnvironment={LIBRARY}\n")
     # A virtual environment as `python -m venv` makes it; the packages are those of the one that runs this test.
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     packages = opt / "lib" / version / "site-packages"
@@ -215,6 +226,39 @@ def test_the_unit_on_a_booted_systemd(machine: Machine) -> None:
         "NRestarts": "0",
     }
     assert machine.journal.count("vehicle.colour") == 1
+
+
+@pytest.mark.timeout(600)
+def test_the_bridges_unit_on_a_booted_systemd(machine: Machine) -> None:
+    machine.unit = "halocline-bridge@probe.service"
+    machine.run("systemctl", "start", machine.unit)
+    wait_until(lambda: "instrument is silent" in machine.show("StatusText")["StatusText"], what="its status")
+    words = ("--instrument", "udpout:127.0.0.1:5600", "--listen", "udpin:127.0.0.1:14570")
+    machine.run(
+        "systemd-run", "--collect", "--unit=vessel", "-E", LIBRARY, PYTHON, "-m", "sim", "vessel", *words
+    )
+    machine.wait_for("probe: sending")
+
+    # It is nobody, and what it writes is its own.
+    (user,) = machine.run("ps", "-eww", "-o", "user:40,args").split("autonomy bridge")[0].splitlines()[-1:]
+    assert user.split()[0] not in ("root", "nobody")
+    (recorded,) = machine.run("find", "/var/lib/halocline-bridge/probe/raw", "-name", "*.ndjson").splitlines()
+    wait_until(lambda: '"sent"' in machine.run("tail", "-n", "1", recorded), what="a line that was sent")
+
+    # A loop that no longer turns: the watchdog strikes.
+    machine.run("systemctl", "kill", "--kill-who=main", "--signal=STOP", machine.unit)
+    machine.wait_for("Watchdog timeout (limit 10s)!")
+    machine.wait_for("probe: sending", 2)
+
+    # Stopped in order; a wrong configuration is told once.
+    machine.run("systemctl", "stop", machine.unit)
+    assert machine.show("ActiveState", "Result") == {"ActiveState": "inactive", "Result": "success"}
+    machine.run("sh", "-c", "echo 'line: {colour: red}' > /etc/halocline/bridge-probe.yaml")
+    machine.run("systemctl", "start", machine.unit, check=False)
+    time.sleep(6.0)
+    failed = machine.show("ActiveState", "ExecMainStatus", "NRestarts")
+    assert failed == {"ActiveState": "failed", "ExecMainStatus": "78", "NRestarts": "0"}
+    assert machine.journal.count("line.colour") == 1
 
 
 def assert_confined(machine: Machine, main: int) -> None:

@@ -130,7 +130,7 @@ def test_garbage_is_counted_and_the_newest_is_shown_once_a_minute() -> None:
     assert complaints[0] == "probe: can't read a line: not 2 columns: 'garbage \\x00 1'"
     assert complaints[1] == "probe: can't read 60 lines, the newest: not 2 columns: 'garbage \\x00 121'"
     assert len(complaints) == 3
-    assert "180 not 2 columns" in rig.bridge.report()
+    assert "not 2 columns: 180" in rig.bridge.report()
 
 
 def test_it_asks_for_the_time_again_after_a_reboot_and_commands_nothing() -> None:
