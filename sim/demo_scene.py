@@ -10,7 +10,6 @@ import shapely
 import yaml
 
 from autonomy.config import Configuration, load
-from autonomy.geometry import FloatArray
 from autonomy.planning.passage import passage_of
 from autonomy.planning.survey import SurveyArea, SurveyError, read_survey
 from sim.field import Field, FieldError, FieldInfo, open_field, shrunk
@@ -50,16 +49,6 @@ class Scene(TruthMap):
     speed_mps: float
     noise: float
     start_deg: tuple[float, float]
-
-    def crosses_land(self, a_deg: FloatArray, b_deg: FloatArray) -> bool:
-        """Whether the leg between two positions (latitude, longitude) touches a land cell of the field, every 10 m.
-
-        This asks the truth itself and shares nothing with the planner's polygons and rasters.
-        """
-        length_m = math.hypot(*np.subtract(*self.survey.frame.to_local(*np.transpose([a_deg, b_deg]))))
-        share = np.linspace(0.0, 1.0, max(2, math.ceil(length_m / 10.0)))[:, None]
-        points = np.asarray(a_deg) * (1.0 - share) + np.asarray(b_deg) * share
-        return bool(self.field.is_land(points[:, 0], points[:, 1]).any())
 
 
 def open_sea(spec: str, variable: str | None) -> Field:

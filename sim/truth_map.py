@@ -1,10 +1,12 @@
 """The truth on a map of one survey, by which beliefs are judged."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import shapely
+from numpy.typing import ArrayLike
 
 from autonomy.geometry import FloatArray
 from autonomy.learning.field_model import FieldModel
@@ -53,6 +55,16 @@ class TruthMap:
         truth = self.truth(time_s)
         mean = model.mean_grid(self.x_axis_m, self.y_axis_m)
         return float(np.sqrt(np.nanmean((mean - truth) ** 2))), float(np.nanstd(truth))
+
+    def crosses_land(self, a_deg: ArrayLike, b_deg: ArrayLike) -> bool:
+        """Whether the leg between two positions (latitude, longitude) touches a land cell of the field, every 10 m.
+
+        This asks the truth itself and shares nothing with the planner's polygons and rasters.
+        """
+        length_m = math.hypot(*np.subtract(*self.survey.frame.to_local(*np.transpose([a_deg, b_deg]))))
+        share = np.linspace(0.0, 1.0, max(2, math.ceil(length_m / 10.0)))[:, None]
+        points = np.asarray(a_deg) * (1.0 - share) + np.asarray(b_deg) * share
+        return bool(self.field.is_land(points[:, 0], points[:, 1]).any())
 
     @property
     def _is_still(self) -> bool:

@@ -1,11 +1,8 @@
 """A dry run with what it was made from: did it succeed, and what was spent of the budget?"""
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-
-import numpy as np
 
 from autonomy.config import Configuration
 from autonomy.planning.survey import SurveyArea
@@ -65,10 +62,4 @@ class Outcome:
     def legs_over_land(self) -> int:
         """Of all plans, by the field's own land, every ten metres."""
         legs = [leg for plan in self.sailed.plans for leg in pairwise([plan.start_deg, *plan.route_deg])]
-        return sum(self._crosses_land(*leg) for leg in legs)
-
-    def _crosses_land(self, a_deg: tuple[float, float], b_deg: tuple[float, float]) -> bool:
-        length_m = math.hypot(*np.subtract(*self.survey.frame.to_local(*np.transpose([a_deg, b_deg]))))
-        share = np.linspace(0.0, 1.0, max(2, math.ceil(length_m / 10.0)))[:, None]
-        points = np.asarray(a_deg) * (1.0 - share) + np.asarray(b_deg) * share
-        return bool(self.sailed.truth.field.is_land(points[:, 0], points[:, 1]).any())
+        return sum(self.sailed.truth.crosses_land(*leg) for leg in legs)
