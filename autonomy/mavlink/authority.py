@@ -366,7 +366,7 @@ class Authority:
     def waits_on_board(self) -> bool:
         """Whether a mission of ours waits on board for the operator to start it, and might be replaced."""
         preparing = self.action in (Action.PREPARE, Action.SELECT_AUTO)
-        return preparing and self._waiting_on_board and self.on_board is OnBoard.OURS
+        return preparing and not self.survey_started and self._waiting_on_board and self.on_board is OnBoard.OURS
 
     def ask_for_another(self) -> None:
         """The mission that waits on board is not fit to be started from where the boat is now: replace it, once."""
@@ -440,7 +440,8 @@ class Authority:
         """Whether a mission may be uploaded to the vehicle in this state."""
         self.observe(state)
         sailing = self.action is Action.SAIL
-        if not sailing and self.action not in (Action.PREPARE, Action.SELECT_AUTO, Action.ARM):
+        preparing = self.action in (Action.PREPARE, Action.SELECT_AUTO, Action.ARM) and not self.survey_started
+        if not (sailing or preparing):
             return Permission(False, self.reason)
         if not self._may_replace():
             return Permission(False, self._refusal())

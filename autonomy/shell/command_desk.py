@@ -185,9 +185,13 @@ class CommandDesk:
     def _say(self, query: zenoh.Query, what: Answer | str) -> None:
         """Answer what the core has not heard of; too often it is not answered at all."""
         with self._lock:
-            if self._strangers.take(self._clock()):
-                self._waiting += 1
-                self._replies.put(_Reply(query, what))
+            told = self._strangers.take(self._clock())
+            self._waiting += told
+        if told:
+            self._replies.put(_Reply(query, what))
+            return
+        with query:  # which closes it
+            return
 
     def _count(self, what: str, why: str) -> None:
         self._refused[what] += 1

@@ -50,7 +50,7 @@ def run_the_documentation(folder: Path, *replacements: tuple[str, str]) -> None:
 def papers(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Keys and certificates as the documentation makes them."""
     folder = tmp_path_factory.mktemp("papers")
-    run_the_documentation(folder, ("boat1 boat2 shore", "boat1 boat2 boat3 shore"))
+    run_the_documentation(folder, ("boat1 boat2 shore operator", "boat1 boat2 boat3 shore operator"))
     return folder
 
 

@@ -19,7 +19,7 @@ import shapely
 import zstandard
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy import config, digest, frames, jobs, records, structure, wire
+from autonomy import config, digest, frames, jobs, records, structure, wire, wire_commands
 from autonomy.bridge.configuration import BridgeConfiguration, load_bridge
 from autonomy.bridge.lines import LineSplitter
 from autonomy.bridge.recorded import RecordingError, read_recorded
@@ -27,8 +27,16 @@ from autonomy.bridge.translator import Translator
 from autonomy.charting import survey_notice
 from autonomy.config import Configuration, ConfigurationError
 from autonomy.core import Core
-from autonomy.effects import Publish, Topic
-from autonomy.events import DeadlineReached, JobFailed, JobFinished, LinkDown, LinkUp, MessageReceived
+from autonomy.effects import Answer, Outcome, Publish, Topic
+from autonomy.events import (
+    CommandReceived,
+    DeadlineReached,
+    JobFailed,
+    JobFinished,
+    LinkDown,
+    LinkUp,
+    MessageReceived,
+)
 from autonomy.geometry import LocalFrame
 from autonomy.learning import snapshot
 from autonomy.learning.calibration import CalibrationFigures
@@ -272,6 +280,11 @@ def health(figures: CalibrationFigures) -> wire.HealthNotice:
     return told[-1]
 
 
+TOKEN = wire_commands.Token(b"a secret of 22 bytes..")
+REQUEST = wire_commands.Request(bytes(range(16)), "boat1", "pause", 1.7e9, 30.0)
+ANSWER = Answer(bytes(16), "pause", Outcome.DONE, "so it is", "paused", "from ashore", "AUTO", True, 1.7e9)
+
+
 def packed(content: bytes) -> bytes:
     return zstandard.ZstdCompressor(write_checksum=True).compress(content)
 
@@ -335,6 +348,7 @@ def event_records() -> tuple[bytes, ...]:
         records.encode_event(5.0, MessageReceived(Codec(1, 191).decode(FRAMES[0])[0])),
         records.encode_event(6.0, JobFinished(1, jobs.ExploreResult(None, plan, None))),
         records.encode_event(7.0, JobFailed(2, "died")),
+        records.encode_event(7.5, CommandReceived(bytes(16), "pause", 1.7e9, 30.0, 1.7e9)),
         records.encode_effects(Core(CONFIGURATION, SURVEY).handle(5.0, DeadlineReached())),
         records.encode_resumed(9.0, 3.0),
         records.encode_header(header()),
@@ -704,6 +718,27 @@ DECODERS: dict[str, Decoder] = {
         checked_frame,
     ),
     **{f"wire {topic.value}": wire_decoder(topic) for topic in Topic},
+    "command": Decoder(
+        lambda data: wire_commands.decode_request(data, "boat1", None),
+        lambda: [wire_commands.encode_request(REQUEST, None), wire_commands.encode_request(REQUEST, TOKEN)],
+        (wire.WireError,),
+        CBOR_TOKENS,
+    ),
+    "command sealed": Decoder(
+        lambda data: wire_commands.decode_request(data, "boat1", TOKEN),
+        lambda: [cbor2.loads(wire_commands.encode_request(REQUEST, None))["command"]],
+        (wire.WireError,),
+        CBOR_TOKENS,
+        lambda content: cbor2.dumps(
+            {"v": wire.VERSION, "command": content, "mac": TOKEN.code("command", content)}
+        ),
+    ),
+    "command answer": Decoder(
+        lambda data: wire_commands.decode_answer(data, None),
+        lambda: [wire_commands.encode_answer(ANSWER, recorded=True, token=None)],
+        (wire.WireError,),
+        CBOR_TOKENS,
+    ),
     "snapshot": Decoder(
         read_snapshot,
         lambda: [unpacked(snapshot.encode(model(), None, precision)) for precision in snapshot.PRECISIONS],

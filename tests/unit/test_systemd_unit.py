@@ -16,7 +16,7 @@ from autonomy.config.private import PrivateFileError, read_private
 
 UNIT = Path(__file__).parents[2] / "systemd" / "halocline@.service"
 DROP_IN = UNIT.with_name("serial.conf")
-SECRETS = {"signing": UNIT.with_name("signing.conf"), "tls": UNIT.with_name("tls.conf")}
+SECRETS = {name: UNIT.with_name(f"{name}.conf") for name in ("signing", "tls", "commands")}
 
 
 def settings(file: Path) -> dict[str, list[str]]:
@@ -104,6 +104,7 @@ def test_systemd_understands_the_unit_and_its_drop_ins(analyze: str, tmp_path: P
     [
         ("signing", "/etc/halocline/%i.signing", ("mavlink", "signing", "key_file")),
         ("tls", "/etc/halocline/%i.key", ("shore", "tls", "private_key")),
+        ("commands", "/etc/halocline/%i.token", ("shore", "commands", "token_file")),
     ],
 )
 def test_secrets_come_as_credentials_and_the_configuration_finds_them(
@@ -145,7 +146,7 @@ def test_systemd_would_notice_a_misspelt_setting_in_either(analyze: str, tmp_pat
 
 
 @pytest.mark.parametrize(
-    "drop_in", [None, DROP_IN, *SECRETS.values()], ids=["network", "serial port", "signed", "tls"]
+    "drop_in", [None, DROP_IN, *SECRETS.values()], ids=["network", "serial port", "signed", "tls", "commands"]
 )
 def test_little_is_exposed(analyze: str, tmp_path: Path, drop_in: Path | None) -> None:
     """At most 1.5 by systemd's measure, which gives 9.6 to a service that nothing is said about."""
