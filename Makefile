@@ -28,7 +28,7 @@ help:
 	@echo "make fleet-test      a hundred vessels and one shore process: three minutes"
 	@echo "make browser-test    the page in a real Chromium: as root where chromium is missing, six minutes"
 	@echo "make lint            style, types and import contracts"
-	@echo "make bench           benchmarks, as ratios against references measured in the same run"
+	@echo "make bench           benchmarks, as ratios against references measured in the same run; benchmarks.json too"
 	@echo "make clean           remove the virtual environment and caches"
 
 $(READY): pyproject.toml autonomy/learning/_compiled.c
@@ -109,7 +109,8 @@ lint: $(READY)
 	$(BIN)/lint-imports
 
 bench: $(READY)
-	$(BIN)/python -m pytest tests/benchmarks --benchmark-disable-gc -q
+	$(BIN)/python -m pytest tests/benchmarks -q --timeout=0 --benchmark-quiet --benchmark-disable-gc \
+		--benchmark-timer=time.process_time --benchmark-json=benchmarks.json
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache autonomy/learning/*.so

@@ -1,10 +1,11 @@
 """Speed of the planner's parts: ratios against a literal or plainer way, in the same run."""
 
+import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
 from scipy.sparse.csgraph import dijkstra
 from shapely.geometry import box
 
@@ -21,12 +22,8 @@ from autonomy.planning.survey import SurveyArea
 from autonomy.planning.sweeps import lawnmowers
 from autonomy.planning.tour import closed_tour, open_tour
 
-
-def lattice(side, lengthscale=1.5, noise=0.05):
-    axis = np.arange(float(side))
-    sites = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    squared = np.sum((sites[:, None] - sites[None]) ** 2, axis=-1)
-    return np.exp(-0.5 * squared / lengthscale**2) + noise * np.eye(side**2)
+sys.path.insert(0, str(Path(__file__).parent))
+from waters import archipelago, distances, lattice, nearest_neighbour
 
 
 def log_determinant(S, sites):
@@ -110,10 +107,9 @@ def test_the_mutual_information_of_a_plan(report, seconds):
     )
 
 
-@pytest.mark.parametrize(("side", "n", "scale"), [(12, 20, 1.5), (30, 40, 3.0), (50, 50, 4.0)])
+@pytest.mark.parametrize(("side", "n", "scale"), [(30, 40, 3.0), (50, 50, 4.0)])
 def test_sets_refined_by_exchange(side, n, scale, report, seconds):
-    S = lattice(side, scale)
-    repeat = 5 if side < 20 else 1
+    S, repeat = lattice(side, scale), 1
     inverse = seconds(lambda: precision(S), repeat)
     greedy, ours = select_greedily(S, n), select_by_exchange(S, n)
     report(
@@ -124,18 +120,11 @@ def test_sets_refined_by_exchange(side, n, scale, report, seconds):
         f"I = {ours.mutual_information:.3f}, greedy {greedy.mutual_information:.3f}",
     )
     report("", seconds(lambda: select_greedily(S, n), repeat), "the inverse (greedy alone)", inverse)
-    if side > 20:
-        return
-    programme = select_by_dynamic_programming(S, n)
-    spent = seconds(lambda: select_by_dynamic_programming(S, n), repeat)
-    note = f"I = {programme.mutual_information:.3f}"
-    report("", spent, "the inverse (dynamic programme)", inverse, note)
 
 
 @pytest.mark.parametrize("n", [41, 101, 301])
 def test_a_round(n, report, seconds):
-    points = np.random.default_rng(n).random((n, 2))
-    D = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
+    D = distances(n)
     ours, plain = closed_tour(D), nearest_neighbour(D)
     shorter = 1.0 - length(D, [*ours, ours[0]]) / length(D, [*plain, plain[0]])
     report(
@@ -147,10 +136,9 @@ def test_a_round(n, report, seconds):
     )
 
 
-@pytest.mark.parametrize("n", [13, 21, 41])
+@pytest.mark.parametrize("n", [13, 41])
 def test_a_tour(n, report, seconds):
-    points = np.random.default_rng(n).random((n, 2))
-    D = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
+    D = distances(n)
     ours, plain = open_tour(D, 0), nearest_neighbour(D)
     shorter = 1.0 - length(D, ours) / length(D, plain)
     report(
@@ -162,47 +150,24 @@ def test_a_tour(n, report, seconds):
     )
 
 
-def nearest_neighbour(D):
-    order, left = [0], set(range(1, len(D)))
-    while left:
-        order.append(min(left, key=lambda node: D[order[-1], node]))
-        left.remove(order[-1])
-    return order
-
-
 def length(D, order):
     return float(sum(D[a, b] for a, b in pairwise(order)))
 
 
-@pytest.fixture(scope="module")
-def archipelago():
-    rng = np.random.default_rng(1)
-    islands = [
-        shapely.Point(*rng.uniform(1000, 14_000, 2)).buffer(rng.uniform(100, 1500), 64) for _ in range(25)
-    ]
-    land = shapely.union_all(islands)
-    return SurveyArea.from_geometry(
-        LocalFrame(33, -119), box(0, 0, 15_000, 15_000), land=land, standoff_m=60.0
+def test_the_raster(report, seconds):
+    survey = archipelago(25)
+    passage = Passage(survey)
+    sites = passage.cells_of(survey.candidate_sites(12, 12)[:21])
+    alone = seconds(lambda: dijkstra(passage.graph, indices=sites), 3)
+    report(
+        "raster of 200 × 200 and its graph", seconds(lambda: Passage(survey), 3), "Dijkstra from 21", alone
     )
 
 
-def test_ways_between_the_spots_of_a_plan(report, seconds, archipelago):
-    passage = Passage(archipelago)
-    points = np.random.default_rng(1).uniform(0, 15_000, (60, 2))
-    points = points[archipelago.is_navigable(points)]
-    points = points[passage.reachable(points[0], points)][:21]
-    graph, cells = passage.raster.graph(), passage.raster.numbers_at(points)
-    alone = seconds(lambda: dijkstra(graph, indices=cells[cells >= 0]), 3)
-    built = seconds(lambda: Passage(archipelago), 3)
-    report("raster of 200 × 200 and its graph", built, "Dijkstra from 21 points", alone)
-    spent = seconds(lambda: passage.ways(points), 3)
-    report(f"all ways over water between {len(points)} points", spent, "Dijkstra from 21 points", alone)
-
-
-def test_lawnmowers(report, seconds, archipelago):
-    start = archipelago.candidate_sites(12, 12)[0]
-    built = seconds(lambda: Passage(archipelago), 3)
-    for islands, survey in (("no islands", open_water()), ("25 islands", archipelago)):
+def test_lawnmowers(report, seconds):
+    start = archipelago(25).candidate_sites(12, 12)[0]
+    built = seconds(lambda: Passage(archipelago(25)), 3)
+    for islands, survey in (("no islands", open_water()), ("25 islands", archipelago(25))):
         length_m = 6.0 * survey.area_m2**0.5
         spent = seconds(lambda: lawnmowers(survey, start, length_m, nearest_corner=True), 1)  # noqa: B023
         report(f"two lawnmowers of six sides, {islands}", spent, "the raster", built)
@@ -212,15 +177,16 @@ def open_water():
     return SurveyArea.from_geometry(LocalFrame(33, -119), box(0, 0, 15_000, 15_000))
 
 
-def test_a_whole_plan(report, seconds, archipelago):
+def test_a_whole_plan(report, seconds):
+    survey = archipelago(25)
     model = FieldModel.prior(Hyperparameters(1.0, 0.01, (1500.0, 1500.0)))
-    start = archipelago.candidate_sites(12, 12)[0]
+    start = survey.candidate_sites(12, 12)[0]
     request = PlanRequest(model, start, 20, (12, 12), "benchmark", 0)
-    made = plan(request, archipelago)
-    S = measurement_covariance(model, archipelago.candidate_sites(12, 12))
+    made = plan(request, survey)
+    S = measurement_covariance(model, survey.candidate_sites(12, 12))
     report(
         "a whole plan among 25 islands, n = 20",
-        seconds(lambda: plan(request, archipelago), 3),
+        seconds(lambda: plan(request, survey), 3),
         "its dynamic programme",
         seconds(lambda: select_by_dynamic_programming(S, 20)),
         f"{len(made.route_m)} corners",

@@ -1,32 +1,26 @@
 """Speed of whole routes: against the dense algebra that a search without low-rank updates would do at every move."""
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
-from shapely.geometry import box
 
-from autonomy.geometry import LocalFrame
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.planning.planners import route
 from autonomy.planning.request import PlanRequest
-from autonomy.planning.survey import SurveyArea
 from autonomy.planning.water_lattice import water_lattice_of
 from autonomy.planning.weighted_variance import WeightedVariance, conditioned, planning_covariance
+
+sys.path.insert(0, str(Path(__file__).parent))
+from waters import archipelago
 
 
 @pytest.fixture(scope="module")
 def islands():
-    rng = np.random.default_rng(1)
-    places = [
-        shapely.Point(*rng.uniform(1000, 14_000, 2)).buffer(rng.uniform(100, 1500), 64) for _ in range(8)
-    ]
-    land = shapely.union_all(places)
-    return SurveyArea.from_geometry(
-        LocalFrame(33, -119), box(0, 0, 15_000, 15_000), land=land, standoff_m=60.0
-    )
+    return archipelago(8)
 
 
 @pytest.fixture(scope="module")
