@@ -112,8 +112,9 @@ class Exploration:
             )
         waited_s = figures.model_time_s - self._since(figures)
         # A smooth field fills the basis slowly, however much has been sailed: its cells tell that there is news.
-        grown = grown or figures.cells >= section.minimum_basis
-        if section.maximum_interval_s is not None and grown and waited_s > section.maximum_interval_s:
+        # With too few of them for a fit, one would be missed, and the next come an interval later.
+        due = fittable and (grown or figures.cells >= section.minimum_basis)
+        if section.maximum_interval_s is not None and due and waited_s > section.maximum_interval_s:
             return Decision(Trigger.MAXIMUM_INTERVAL, True, f"{waited_s:.0f} s since the last re-estimate")
         return None
 

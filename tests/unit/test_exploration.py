@@ -144,6 +144,18 @@ def test_readings_that_vary_more_than_the_model_allows_bring_a_reestimate_once_i
     assert rule.decide(figures(cells=40, spread=50.0)).reestimate
 
 
+def test_no_interval_brings_a_reestimate_that_could_fit_nothing():
+    # Readings that are dense for their cells: a missed fit would cost another interval.
+    for cells, expected in ((19, None), (20, Trigger.MAXIMUM_INTERVAL)):
+        rule = exploration(maximum_interval_s=100.0)
+        rule.decide(figures(basis_size=25, cells=cells))
+        decision = rule.decide(figures(time_s=101.0, basis_size=25, cells=cells))
+        assert (decision and decision.trigger) == expected
+    sooner = exploration(maximum_interval_s=100.0, minimum_basis=5)
+    sooner.decide(figures(basis_size=6, cells=6))
+    assert sooner.decide(figures(time_s=101.0, basis_size=6, cells=6)).trigger is Trigger.MAXIMUM_INTERVAL
+
+
 def test_the_interval_counts_as_soon_as_the_basis_or_the_history_has_grown():
     for cells, expected in ((29, None), (30, Trigger.MAXIMUM_INTERVAL)):
         rule = exploration(maximum_interval_s=100.0, minimum_basis=30)

@@ -27,8 +27,8 @@ class ExplorationSection(Section):
         default=20,
         ge=1,
         le=1000,
-        description="rho counts only from this many basis vectors on, and from 20 cells of the history unless "
-        "this is less; the interval from as many of either",
+        description="rho counts only from this many basis vectors on, the interval from as many basis vectors "
+        "or cells of the history; both from 20 cells, unless this is less",
     )
     maximum_interval_s: Positive | None = Field(
         default=3600.0, description="longest model time between re-estimates; null for no limit"
