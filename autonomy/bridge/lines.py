@@ -6,6 +6,9 @@ LONGEST_LINE = 1024
 """Bytes. The lines of CTDs have a tenth of that, NMEA's 82; a longer one is noise, or the wrong baud rate."""
 
 
+_SEVEN_BITS = bytes(byte & 0x7F for byte in range(256))
+
+
 @dataclass
 class LineCounters:
     """What came in: `too_long` lines were given up, `fragments` are what a stream began or broke off with."""
@@ -41,7 +44,7 @@ class LineSplitter:
         """Take in bytes; returns the lines that they complete, without their ends, as Latin-1."""
         self.counters.bytes_in += len(data)
         if self._seven:
-            data = bytes(byte & 0x7F for byte in data)
+            data = data.translate(_SEVEN_BITS)
         *ended, tail = (self._tail + data).replace(b"\r", b"\n").split(b"\n")
         if not self._is_stream:
             ended, tail = [*ended, tail], b""

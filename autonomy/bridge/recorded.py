@@ -4,12 +4,13 @@ import asyncio
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from autonomy.bridge.lines import LONGEST_LINE
 
 _LONGEST_PAUSE_S = 60.0
-MAXIMUM_BYTES = 1_000_000_000
+_LONGEST_ENTRY = 65_536
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ def read_recorded(path: Path, every_s: float = 1.0) -> Iterator[Recorded]:
     """
     before: float | None = None
     with path.open("rb") as stream:
-        for number, raw in enumerate(stream, start=1):
+        for number, raw in enumerate(iter(partial(stream.readline, _LONGEST_ENTRY), b""), start=1):
             text = raw.decode("utf-8", errors="replace").strip()
             if number == 1 and text.startswith('{"bridge":'):
                 before = -1.0

@@ -18,9 +18,9 @@ def test_before_the_vehicle_was_heard_nothing_is_known() -> None:
 
 @pytest.mark.parametrize("drift", [-5e-5, 0.0, 5e-5])
 def test_delays_of_the_link_hardly_matter(drift: float) -> None:
-    """A tenth of a second late on average, one in fifty at once; crystals 50 ppm apart; for two hours."""
+    """A tenth of a second late on average, one in fifty at once; crystals 50 ppm apart; for an hour."""
     rng = np.random.default_rng(2)
-    sent_s = np.arange(1000.0, 8200.0, 0.5)
+    sent_s = np.arange(1000.0, 4600.0, 0.5)
     delays_s = np.where(rng.random(sent_s.size) < 0.02, 0.001, rng.exponential(0.1, sent_s.size))
     clock, wrong_ms = VehicleClock(), []
     for sent, came in zip(sent_s, np.maximum.accumulate(sent_s + delays_s), strict=True):

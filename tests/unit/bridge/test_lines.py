@@ -14,7 +14,7 @@ LINES = st.lists(
 ENDS = st.sampled_from([b"\n", b"\r", b"\r\n", b"\n\n"])
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=60)
 @given(LINES, ENDS, st.data())
 def test_a_stream_may_be_cut_anywhere(lines: list[str], end: bytes, data: st.DataObject) -> None:
     """The truth is the list that the stream was made of; \\x85 and the like are no ends of lines."""
@@ -58,7 +58,7 @@ def test_seven_bits_and_even_parity_are_read_as_eight() -> None:
     assert LineSplitter(is_stream=False).add(sent) != ["33.512"]
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=60)
 @given(st.lists(st.binary(max_size=300)))
 def test_whatever_comes_is_cut_into_lines(pieces: list[bytes]) -> None:
     splitter = LineSplitter(is_stream=True)

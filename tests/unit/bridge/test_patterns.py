@@ -30,7 +30,7 @@ def sentence(body: str) -> str:
     return f"${body}*{functools.reduce(operator.xor, body.encode()):02X}"
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=60)
 @given(
     st.lists(
         st.text(st.characters(codec="ascii", exclude_characters=", \t\r\n\x0b\x0c"), max_size=6), min_size=1
@@ -124,7 +124,7 @@ def test_a_checksum_may_be_missing_but_not_be_wrong() -> None:
         reader.read("$YXMTW,17.75,C*00")
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=60)
 @given(
     st.lists(st.text("0123456789.ABC", max_size=8), min_size=1, max_size=8),
     st.integers(0, 400),
@@ -140,7 +140,7 @@ def test_no_flipped_character_gets_past_a_checksum(parts: list[str], place: int,
         Sentence("MTW", checksum_required=True).read(bad)
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=60)
 @given(st.floats(-1e30, 1e30))
 def test_numbers_are_read_as_python_writes_them(value: float) -> None:
     assert number(repr(value)) == value
@@ -164,7 +164,7 @@ def test_with_a_decimal_comma_a_point_is_none(text: str) -> None:
 @pytest.mark.parametrize(
     "reader", [Columns(",", 3), Columns(" ", 2), SBE45, Sentence("MTW", checksum_required=False)], ids=repr
 )
-@settings(deadline=None)
+@settings(deadline=None, max_examples=60)
 @given(line=TEXT)
 def test_garbage_is_read_as_text_or_refused(reader: Reader, line: str) -> None:
     try:
