@@ -1,39 +1,25 @@
 """One voyage of a comparison, as a sweep computes it: a sea, a strategy, a launch and a seed, and what came of it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from time import thread_time
 from typing import Any
 
 import numpy as np
 
-from autonomy.config import Configuration
 from autonomy.geometry import FloatArray
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.prediction import Prediction
-from autonomy.planning.plan import NO_SPOTS, Plan
-from autonomy.planning.planners import PlanRequest
-from autonomy.planning.survey import SurveyArea
-from sim.experiment import strategies, voyage
+from sim.experiment import voyage
 from sim.experiment.cells import Value
 from sim.experiment.compare_maps import BatchMap, Read
 from sim.experiment.compare_scores import Score, score
-from sim.experiment.compare_seas import SPEED_MPS, Sea, SeaChoice, open_sea
-from sim.experiment.compare_ways import LANES, ON_BOARD, PAPER
-from sim.experiment.paper_setting import MAP_COLUMNS, MAP_ROWS, profile
-from sim.experiment.waters import cell_middles
-from sim.truth_map import TruthMap
-
-JUDGEMENTS = 20
-"""Equal parts of a voyage after which the map is judged."""
+from sim.experiment.compare_seas import Sea, SeaChoice, open_sea
+from sim.experiment.compare_voyages import sailed
+from sim.experiment.compare_ways import ON_BOARD
 
 SETTLED = 0.5
 """Of a voyage over a sea that moves: what is believed after this counts."""
-
-COVER_SIDES = 4.0
-"""Length of one cover of a lawnmower that goes to and fro over a sea that moves, in √(water area)."""
-
-_DONE_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,41 +53,43 @@ def sail(arguments: Mapping[str, Any]) -> dict[str, Value]:
         run does not give again.
     """
     sea = open_sea(SeaChoice(**arguments["sea"]), arguments["sides"], arguments["budget_m"])
-    strategy = arguments["strategy"]
     launch_m, seed = sea.launch(arguments["launch"]), int(arguments["seed"])
-    if strategy in ON_BOARD:
-        sailed, cpu_s = _sailed_by_the_core(sea, strategy, launch_m, seed)
-        moments = _moments(sea, sailed)
-        beliefs = [_on_board(sea, moment) for moment in moments]
-        batch = [
-            _judged(sea, _ashore(sea, sailed, moment, seed))
-            for moment in moments
-            if _counts(sea, moment, sailed)
-        ]
-    else:
-        sailed, cpu_s = _sailed_by_plan(sea, strategy, launch_m, seed)
-        moments = _moments(sea, sailed)
-        beliefs = [_ashore(sea, sailed, moment, seed) for moment in moments[:-1]]
-        begun_s = thread_time()
-        beliefs.append(_ashore(sea, sailed, moments[-1], seed))
-        cpu_s += thread_time() - begun_s
-        batch = []
-    scores = [_judged(sea, each) for each in beliefs]
-    counted = [each for each, moment in zip(scores, moments, strict=True) if _counts(sea, moment, sailed)]
+    is_on_board = arguments["strategy"] in ON_BOARD
+    done, cpu_s = sailed(sea, arguments["strategy"], launch_m, seed)
+    moments = _moments(sea, done)
+    begun_s = thread_time()
+    last = _ashore(sea, done, moments[-1], seed)
+    cpu_s += 0.0 if is_on_board else thread_time() - begun_s
+    counted = [_counts(sea, moment, done) for moment in moments]
+    ashore = [
+        _judged(sea, last if moment is moments[-1] else _ashore(sea, done, moment, seed))
+        for moment, counts in zip(moments, counted, strict=True)
+        if counts or not is_on_board
+    ]
+    own = [_judged(sea, _on_board(sea, moment)) for moment in moments] if is_on_board else ashore
+    own_counted = [score for score, counts in zip(own, counted, strict=True) if counts]
+    belief = _on_board(sea, moments[-1]) if is_on_board else last
     return {
         "distance_m": np.array([each.distance_m for each in moments]),
-        "rmse": np.array([each.rmse for each in scores]),
-        "nlpd": np.array([each.nlpd for each in scores]),
-        "coverage": np.array([each.coverage for each in scores]),
-        **_summary("", counted),
-        **_summary("batch_", batch or counted),
-        "samples": len(sailed.samples),
-        "plans": len(sailed.plans),
-        "reestimates": len(sailed.reestimates),
+        "rmse": np.array([each.rmse for each in own]),
+        "nlpd": np.array([each.nlpd for each in own]),
+        "coverage": np.array([each.coverage for each in own]),
+        **_summary("", own_counted),
+        **_summary("batch_", ashore if is_on_board else own_counted),
+        "samples": len(done.samples),
+        "plans": len(done.plans),
+        "reestimates": len(done.reestimates),
         "launch_m": launch_m,
-        "track_m": sailed.track_m[:: voyage.READINGS_PER_SAMPLE],
+        "track_m": done.track_m[:: voyage.READINGS_PER_SAMPLE],
         "truth": _on_map(sea, sea.truth(moments[-1].time_s)),
-        "mean": _on_map(sea, beliefs[-1].prediction.mean),
+        "mean": _on_map(sea, belief.prediction.mean),
+        "cpu_s": cpu_s,
+        **_of_sea(sea),
+    }
+
+
+def _of_sea(sea: Sea) -> dict[str, Value]:
+    return {
         "x_axis_m": sea.waters.x_axis_m,
         "y_axis_m": sea.waters.y_axis_m,
         "side_m": sea.side_m,
@@ -109,7 +97,6 @@ def sail(arguments: Mapping[str, Any]) -> dict[str, Value]:
         "unit": sea.unit,
         "hastened": sea.hastened,
         "shrunk": sea.shrunk,
-        "cpu_s": cpu_s,
     }
 
 
@@ -122,137 +109,24 @@ def _summary(prefix: str, scores: Sequence[Score]) -> dict[str, Value]:
     }
 
 
-def configuration(sea: Sea, strategy: str, seed: int) -> Configuration:
-    """What the core is told: the default, or the paper's profile; within the budget, where it has to come home.
-
-    Nobody keeps a reserve here, or all would sail different lengths: that is the one thing of the default that changes.
-    """
-    base = _paper(sea) if strategy == PAPER else _default(sea)
-    update: dict[str, Any] = {
-        "seed": seed,
-        "sampling": base.sampling.model_copy(update={"spacing_m": sea.spacing_m}),
-    }
-    if strategy in ON_BOARD and not sea.choice.moves:
-        limits = {"distance_m": sea.budget_m, "reserve": 0.0, "home_margin": 1.0, "speed_mps": SPEED_MPS}
-        update["budget"] = base.budget.model_copy(update=limits)
-    return base.model_copy(update=update)
-
-
-def _default(sea: Sea) -> Configuration:
-    x_min, y_min, x_max, y_max = sea.waters.survey.bounds
-    corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max)]
-    area = [tuple(place) for place in sea.waters.survey.frame.to_geodetic(corners).tolist()]
-    return Configuration.model_validate({"survey": {"area": area}})
-
-
-def _paper(sea: Sea) -> Configuration:
-    """The paper's profile; the lengths in it are counted in cells of a map as fine as the paper's."""
-    waters = sea.waters
-    x_min, y_min, x_max, y_max = waters.survey.bounds
-    columns, rows = cell_middles(x_min, x_max, MAP_COLUMNS), cell_middles(y_min, y_max, MAP_ROWS)
-    return profile(TruthMap(waters.field, waters.survey, columns, rows))
-
-
-def _orders(
-    sea: Sea, told: Configuration, launch_m: FloatArray, seed: int, planner: voyage.Planner | None = None
-) -> voyage.Orders:
-    # Waypoints over a sea that stands still may be sailed at any pace, and a coarse one is computed sooner.
-    hurries = planner is not None and not sea.choice.moves
-    return voyage.Orders(
-        waters=sea.waters,
-        configuration=told,
-        launch_m=launch_m,
-        distance_m=sea.budget_m,
-        noise=sea.noise,
-        seed=seed,
-        speed_mps=None if hurries else SPEED_MPS,
-        planner=planner,
-        judgements=JUDGEMENTS,
-        keep_models=True,
-    )
-
-
-def _sailed_by_the_core(
-    sea: Sea, strategy: str, launch_m: FloatArray, seed: int
-) -> tuple[voyage.Voyage, float]:
-    sailed = voyage.sail(_orders(sea, configuration(sea, strategy, seed), launch_m, seed))
-    return sailed, sailed.cost.core_s + sailed.cost.jobs_s
-
-
-def _sailed_by_plan(sea: Sea, strategy: str, launch_m: FloatArray, seed: int) -> tuple[voyage.Voyage, float]:
-    pilot = _Pilot(_strategy(sea, strategy, seed), sea, launch_m, seed)
-    told = voyage.on_rails(configuration(sea, strategy, seed))
-    return voyage.sail(_orders(sea, told, launch_m, seed, pilot)), pilot.spent_s
-
-
-def _strategy(sea: Sea, name: str, seed: int) -> strategies.Strategy:
-    cover = COVER_SIDES if sea.choice.moves else None
-    ways: dict[str, Callable[[], strategies.Strategy]] = {
-        LANES[0]: lambda: strategies.Lawnmower(0, cover),
-        LANES[1]: lambda: strategies.Lawnmower(1, cover),
-        "random": lambda: strategies.RandomWaypoints(seed),
-        "entropy": strategies.GreedyEntropy,
-        "information": strategies.GreedyInformation,
-    }
-    return ways[name]()
-
-
-class _Pilot:
-    """A strategy as the voyage's planner; counts what is left of the budget."""
-
-    def __init__(self, strategy: strategies.Strategy, sea: Sea, launch_m: FloatArray, seed: int) -> None:
-        self._strategy, self._sea, self._seed = strategy, sea, seed
-        self._home_m = None if sea.choice.moves else launch_m
-        self._left_m = sea.budget_m
-        self.spent_s = 0.0
-
-    def __call__(self, request: PlanRequest, survey: SurveyArea) -> Plan | None:
-        begun_s = thread_time()
-        cells = request.measured
-        read = (
-            Read.nothing()
-            if cells is None
-            else Read(cells.points[:, :2], cells.means, cells.times_s, cells.counts)
-        )
-        underway = strategies.Underway(
-            survey,
-            np.asarray(request.start_m, dtype=float),
-            self._home_m,
-            self._left_m,
-            float(read.times_s.max(initial=0.0)),
-            read,
-            self._sea.choice.moves,
-            self._seed,
-        )
-        corners = self._strategy.stretch(underway) if self._left_m > _DONE_M else np.empty((0, 2))
-        self.spent_s += thread_time() - begun_s
-        if not len(corners):
-            return None
-        plan = Plan(
-            underway.here_m, corners, np.ones(len(corners), dtype=bool), NO_SPOTS, "given", request.reason
-        )
-        self._left_m -= plan.length_m
-        return plan
-
-
-def _moments(sea: Sea, sailed: voyage.Voyage) -> list[Moment]:
+def _moments(sea: Sea, done: voyage.Voyage) -> list[Moment]:
     """All judgements, and of a still sea the very end, at home."""
     moments = [
         Moment(each.samples, each.distance_m, each.time_s, each.model)
-        for each in sailed.curve
+        for each in done.curve
         if each.model is not None
     ]
     if not sea.choice.moves:
-        end_s = float(sailed.samples.time_s[-1])
-        moments.append(Moment(len(sailed.samples), sailed.distance_m, end_s, sailed.model))
+        end_s = float(done.samples.time_s[-1])
+        moments.append(Moment(len(done.samples), done.distance_m, end_s, done.model))
     return moments
 
 
-def _counts(sea: Sea, moment: Moment, sailed: voyage.Voyage) -> bool:
+def _counts(sea: Sea, moment: Moment, done: voyage.Voyage) -> bool:
     """Whether the belief of a moment is part of the voyage's result."""
     if sea.choice.moves:
         return moment.distance_m > SETTLED * sea.budget_m
-    return moment.distance_m == sailed.distance_m and moment.model is sailed.model
+    return moment.distance_m == done.distance_m and moment.model is done.model
 
 
 def _on_board(sea: Sea, moment: Moment) -> Belief:
@@ -260,9 +134,9 @@ def _on_board(sea: Sea, moment: Moment) -> Belief:
     return Belief(moment.model.predict(sea.points_m), noise, moment.time_s)
 
 
-def _ashore(sea: Sea, sailed: voyage.Voyage, moment: Moment, seed: int) -> Belief:
+def _ashore(sea: Sea, done: voyage.Voyage, moment: Moment, seed: int) -> Belief:
     """What the batch process makes of the samples up to a moment."""
-    samples, count = sailed.samples, moment.samples
+    samples, count = done.samples, moment.samples
     read = Read(samples.points_m[:count], samples.values[:count], samples.time_s[:count], np.ones(count))
     made = BatchMap.fitted(read, sea.waters.survey.span_m, may_move=sea.choice.moves, seed=seed)
     noise = float(np.sqrt(made.kernel.noise_variance))

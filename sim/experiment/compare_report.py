@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from sim.experiment.cells import Result
-from sim.experiment.compare_cells import COVER_SIDES, SETTLED
+from sim.experiment.compare_cells import SETTLED
 from sim.experiment.compare_maps import MOST_POINTS
 from sim.experiment.compare_pictures import Picture
 from sim.experiment.compare_seas import NOISE_SHARE, READINGS_PER_SIDE, SPEED_MPS
 from sim.experiment.compare_table import GOAL, Comparison, cost_table, run_of, table, table_by_sea
+from sim.experiment.compare_voyages import COVER_SIDES
 from sim.experiment.report import Image, Points, Section, Table, Text, write_report
 from sim.experiment.strategies import LATTICE, SPOTS
 
