@@ -15,7 +15,7 @@ _FUNCTION = "sim.experiment.compare_cells:sail"
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be sailed: every strategy from `launches` places of every sea with `seeds` seeds.
+    """What is to be sailed: every strategy from `launches` places of every sea with each of `seeds`.
 
     The budget is `sides` × √(water area), `moving_sides` over a sea that moves, or `budget_m` everywhere if it is not
     None. `notes` are for the report.
@@ -23,7 +23,7 @@ class Plan:
 
     seas: tuple[SeaChoice, ...]
     launches: int
-    seeds: int
+    seeds: tuple[int, ...]
     sides: float
     moving_sides: float
     budget_m: float | None = None
@@ -52,7 +52,7 @@ class Plan:
             )
             for sea in self.seas
             for launch in range(self.launches)
-            for seed in range(self.seeds)
+            for seed in self.seeds
             for strategy in SAILED
         ]
 

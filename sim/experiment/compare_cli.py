@@ -54,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="of noise and strategies, for each launch (%(default)s)",
     )
+    voyages.add_argument("--seed", type=_seed, default=0, metavar="S", help="the first of them (%(default)s)")
     voyages.add_argument(
         "-L",
         "--sides",
@@ -116,7 +117,7 @@ def _plan(arguments: argparse.Namespace) -> "Plan":
     return Plan(
         seas=seas,
         launches=1 if short else arguments.launches,
-        seeds=arguments.seeds,
+        seeds=tuple(range(arguments.seed, arguments.seed + arguments.seeds)),
         sides=sides or (_QUICK_SIDES if short else _SIDES),
         moving_sides=moving_sides or (2.0 * _QUICK_SIDES if short else _MOVING_SIDES),
         budget_m=None if budget_km is None else 1000.0 * budget_km,
@@ -157,6 +158,12 @@ def _failed(why: object, exit_code: int) -> int:
 def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number from 1, got {text}")
+    return int(text)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0, got {text}")
     return int(text)
 
 

@@ -24,7 +24,7 @@ from sim.field import FieldError
 PLAN = Plan(
     (SeaChoice("a", "synthetic-patch:0"), SeaChoice("b", "synthetic:1"), SeaChoice("c", "x", None, True)),
     launches=2,
-    seeds=1,
+    seeds=(7,),
     sides=10.0,
     moving_sides=16.0,
 )
