@@ -251,4 +251,5 @@ def _write_numbers(options: Options, courses: Sequence[Course]) -> None:
 
 def _write(path: Path, figure: Figure) -> None:
     FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=_DPI)
+    # Maps of one shape never fill a figure of another.
+    figure.savefig(path, dpi=_DPI, bbox_inches="tight", pad_inches=0.08)

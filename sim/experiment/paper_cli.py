@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from time import monotonic
 
-from sim.experiment.paper_numbers import ABLATIONS, SAMPLES
+from sim.experiment.paper_numbers import ABLATIONS, SAMPLES, THRESHOLDS
 from sim.experiment.sweep_options import add_sweep_arguments
 
 
@@ -26,6 +26,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--samples", type=_samples, default=SAMPLES, metavar="N", help="length of a voyage (%(default)s)"
+    )
+    parser.add_argument(
+        "--rho0",
+        type=_thresholds,
+        default=THRESHOLDS,
+        metavar="LIST",
+        help="thresholds, such as 0.2,0.6 (0.1 to 1.0 by tenths)",
     )
     parser.add_argument(
         "--ablation",
@@ -55,6 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         seeds=arguments.seeds,
         samples=arguments.samples,
+        thresholds=arguments.rho0,
         ablations=tuple(sorted(set(arguments.ablation))),
         jobs=arguments.jobs,
         cluster=arguments.cluster,
@@ -94,3 +102,15 @@ def _samples(text: str) -> int:
     if not text.isdecimal() or int(text) < 200:
         raise argparse.ArgumentTypeError(f"must be a whole number from 200, got {text}")
     return int(text)
+
+
+def _thresholds(text: str) -> tuple[float, ...]:
+    try:
+        found = tuple(sorted({float(part) for part in text.split(",")}))
+    except ValueError:
+        found = ()
+    if not found or not all(0.0 < each <= 1.0 for each in found):
+        raise argparse.ArgumentTypeError(
+            f"must be numbers above 0 and up to 1, separated by commas, got {text}"
+        )
+    return found

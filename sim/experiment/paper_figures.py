@@ -26,6 +26,7 @@ from sim.truth_map import TruthMap
 WATER = "#e9eff2"
 START, SPOT, BASIS, SITE = "#d7191c", "#1f5fa8", "#ffc400", "#9aa5ab"
 PANEL_IN = 3.6
+_KEY_IN = 1.8
 
 Picture = tuple[Figure, str]
 """A figure, and what it shows in words."""
@@ -70,16 +71,20 @@ class Chart:
         x_km, y_km = self.axes_km
         return float(np.clip(np.ptp(y_km) / np.ptp(x_km), 0.3, 2.0))
 
-    def panels(self, rows: int, columns: int, width_in: float = PANEL_IN) -> tuple[Figure, list[Axes]]:
-        """A figure of so many maps."""
+    def panels(self, count: int, most: int, width_in: float = PANEL_IN) -> tuple[Figure, list[Axes]]:
+        """A figure of so many maps, at `most` so many in a row."""
+        columns = min(most, max(count, 1))
+        rows = -(-max(count, 1) // columns)
         size = (columns * width_in + 0.9, rows * (width_in * self.shape + 0.35) + 0.9)
-        figure = Figure(figsize=size, layout="constrained", facecolor="white")
+        figure = Figure(figsize=size, layout="compressed", facecolor="white")
         axes: Any = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         for axis in axes[:, 0]:
             axis.set_ylabel("north (km)", color=INK)
         for axis in axes[-1]:
             axis.set_xlabel("east (km)", color=INK)
-        return figure, list(axes.ravel())
+        for axis in axes.ravel()[count:]:
+            axis.set_visible(False)
+        return figure, list(axes.ravel()[:count])
 
     def colour(self, axis: Axes, name: str, values: FloatArray, norm: Normalize, colours: Any) -> Any:
         """A map in colours, land and all; returns what a colour bar needs."""
@@ -119,7 +124,7 @@ def haline() -> ListedColormap:
 
 def dates(chart: Chart, frames: Sequence[tuple[str, FloatArray]]) -> Picture:
     """Figure 1: the field on dates a week apart; frames are a name and the field (ny, nx)."""
-    figure, axes = chart.panels(1, len(frames))
+    figure, axes = chart.panels(len(frames), 3)
     for axis, (name, values) in zip(axes, frames, strict=True):
         image = chart.colour(axis, name, values, chart.scale, haline())
     _bar(figure, image, axes, chart.label, extend="both")
@@ -128,7 +133,7 @@ def dates(chart: Chart, frames: Sequence[tuple[str, FloatArray]]) -> Picture:
 
 def by_hand(chart: Chart, belief: Prediction, points_m: FloatArray, rmse: float) -> Picture:
     """Figure 2: the truth, and what few random samples make of it under hyperparameters set by hand."""
-    figure, axes = chart.panels(1, 2, 4.6)
+    figure, axes = chart.panels(2, 2, 4.6)
     image = chart.colour(axes[0], "(a) truth", chart.truth, chart.scale, haline())
     name = f"(b) predicted from {len(points_m)} random samples: RMSE {rmse:.3g}"
     chart.colour(axes[1], name, belief.mean, chart.scale, haline())
@@ -142,7 +147,7 @@ def by_hand(chart: Chart, belief: Prediction, points_m: FloatArray, rmse: float)
 
 def spots(chart: Chart, plans: Sequence[tuple[str, Plan]], sites_m: FloatArray) -> Picture:
     """Figure 3: where the planner would sample before anything is known; plans by the name of their hyperparameters."""
-    figure, axes = chart.panels(1, len(plans), 4.6)
+    figure, axes = chart.panels(len(plans), 2, 4.6)
     for axis, (name, plan) in zip(axes, plans, strict=True):
         chart.blank(axis, f"{name}: {plan.mutual_information:.2f} nats")
         _dots(axis, sites_m, s=7, color=SITE, marker="s")
@@ -162,8 +167,8 @@ def paths(chart: Chart, detail: Result) -> Picture:
     """Figure 4: successive plans, each with its start, its spots and the basis vectors it was made with."""
     values: Any = detail.values
     count = len(values["path_samples"])
-    figure, axes = chart.panels(*_grid(count, 3))
-    for k, axis in enumerate(axes[:count]):
+    figure, axes = chart.panels(count, 3)
+    for k, axis in enumerate(axes):
         chart.blank(
             axis, f"({chr(97 + k)}) plan {values['path_number'][k]}, {_after(values['path_samples'][k])}"
         )
@@ -195,8 +200,8 @@ def models(chart: Chart, detail: Result) -> Picture:
     """Figure 5: what was believed when those plans were made."""
     values: Any = detail.values
     count = len(values["path_samples"])
-    figure, axes = chart.panels(*_grid(count, 3))
-    for k, axis in enumerate(axes[:count]):
+    figure, axes = chart.panels(count, 3)
+    for k, axis in enumerate(axes):
         mean = np.asarray(values["path_mean"][k], dtype=float)
         rmse = np.sqrt(np.nanmean((mean - chart.truth) ** 2))
         name = f"({chr(97 + k)}) {_after(values['path_samples'][k])}: RMSE {rmse:.3g}"
@@ -211,8 +216,8 @@ def variances(chart: Chart, detail: Result) -> Picture:
     maps = np.where(chart.waters.is_water, np.asarray(values["variance"], dtype=float), np.nan)
     low, high = np.nanpercentile(maps, [1.0, 99.9])
     norm = LogNorm(max(float(low), 1e-12), float(high))
-    figure, axes = chart.panels(*_grid(len(maps), 5), 2.9)
-    for k, axis in enumerate(axes[: len(maps)]):
+    figure, axes = chart.panels(len(maps), 5, 2.9)
+    for k, axis in enumerate(axes):
         name = f"({chr(97 + k)}) {_after(values['variance_samples'][k])}"
         image = chart.colour(
             axis, name, np.maximum(maps[k], norm.vmin or 0.0), norm, matplotlib.colormaps["magma"]
@@ -222,10 +227,6 @@ def variances(chart: Chart, detail: Result) -> Picture:
         "Variances of the prediction along the same voyage, on a logarithmic scale. They are what the model claims "
         "under the hyperparameters of the moment: where these change, the whole map changes."
     )
-
-
-def _grid(count: int, columns: int) -> tuple[int, int]:
-    return -(-max(count, 1) // columns), min(columns, max(count, 1))
 
 
 def _dots(axis: Axes, points_m: FloatArray, **style: Any) -> None:
@@ -250,7 +251,8 @@ def _dot(colour: str, label: str, size: float, marker: str = "o", edge: str | No
 
 def _legend(figure: Figure, handles: Iterable[Any]) -> None:
     shown = list(handles)
-    figure.legend(handles=shown, loc="outside lower center", ncols=len(shown), frameon=False, fontsize=9.5)
+    columns = min(len(shown), max(1, int(figure.get_figwidth() / _KEY_IN)))
+    figure.legend(handles=shown, loc="outside lower center", ncols=columns, frameon=False, fontsize=9.5)
 
 
 def _bar(figure: Figure, image: Any, axes: Sequence[Axes], text: str, extend: str) -> None:

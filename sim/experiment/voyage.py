@@ -44,7 +44,8 @@ _SAMPLE_S = (
     10.0  # of the vessel's time, where no speed is given: steps of at most a second follow the route well
 )
 _TOP_SPEED_MPS = 30.0  # positions that come by faster than 50 m/s count as glitches
-_PROTOCOL_S = 1.0  # a sample, in protocol time: the telemetry's 1 Hz is once a sample
+_PROTOCOL_S = 0.5  # a sample, in protocol time: the telemetry's 1 Hz is every other sample
+_POSITIONS_HZ = 1.0  # beside those that come with every reading
 _JOB_SAMPLES = 0.1
 _ROUNDED_UP = (
     1.002  # positions on the wire have centimetres: readings must not come just short of the spacing
@@ -386,6 +387,8 @@ class _Sailing(DiscreteRun):
             kept_model = model if self.orders.keep_models else None
             distance_m = self.autopilot.vessel.distance_sailed_m
             self.plans.append(Replan(learner.samples, distance_m, self._time_s, rho, result.plan, kept_model))
+            places = survey.frame.to_geodetic(result.plan.spots_m).tolist()
+            self.probe.told([Position(lat_deg, lon_deg) for lat_deg, lon_deg in places])
         return result
 
     def _planned(self, name: str, request: jobs.ExploreRequest, survey: SurveyArea) -> jobs.ExploreResult:
@@ -453,8 +456,9 @@ def _probe(orders: Orders, vessel: Vessel, speed_mps: float, sample_s: float) ->
 def _fitted(configuration: Configuration) -> Configuration:
     """The configuration of the vessel that sails here, of which nobody follows the model ashore."""
     vehicle = configuration.vehicle.model_copy(update={"turn_rate_deg_s": _HANDLING.turn_rate_deg_s})
+    mavlink = configuration.mavlink.model_copy(update={"position_rate_hz": _POSITIONS_HZ})
     shore = configuration.shore.model_copy(update={"model_period_s": _OLD_NEWS_S})
-    return configuration.model_copy(update={"vehicle": vehicle, "shore": shore})
+    return configuration.model_copy(update={"vehicle": vehicle, "mavlink": mavlink, "shore": shore})
 
 
 def _teaches(notice: ObservationNotice, configuration: Configuration) -> bool:
