@@ -2,7 +2,6 @@
 
 import argparse
 import importlib
-import importlib.util
 import sys
 
 from autonomy.verbs import Verb
@@ -23,8 +22,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     verbs = parser.add_subparsers(dest="experiment_verb", required=True, metavar="VERB")
     for name, verb in _VERBS.items():
-        if importlib.util.find_spec(verb.module) is None:
-            continue
         module = importlib.import_module(verb.module)
         verb_parser = verbs.add_parser(name, help=verb.summary, description=verb.summary)
         module.add_arguments(verb_parser)
