@@ -171,6 +171,8 @@ def growth(exponent: Growth) -> Growth:
 
 
 def _told(spent_s: float) -> str:
+    if spent_s >= 1000.0:
+        return f"{spent_s:.0f} s"
     for unit, size in (("s", 1.0), ("ms", 1e-3)):
         if spent_s >= size:
             return f"{spent_s / size:.3g} {unit}"
