@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sim.experiment.compare import Plan
     from sim.experiment.compare_seas import SeaChoice
 
-_SIDES, _MOVING_SIDES = 10.0, 16.0
+_SIDES, _MOVING_SIDES = 6.0, 12.0
 _QUICK_SIDES = 3.0
 
 
