@@ -95,7 +95,7 @@ def report(request: pytest.FixtureRequest) -> Report:
     rows = request.config.stash[ROWS]
 
     def say(name: str, spent_s: float, reference: str, reference_s: float, note: str = "") -> None:
-        rows.append(Row(title, name or rows[-1].name, spent_s, reference, reference_s, note))
+        rows.append(Row(title, name, spent_s, reference, reference_s, note))
 
     return say
 

@@ -94,7 +94,7 @@ def test_the_dynamic_programme_against_the_literal_one_at_the_papers_size(report
     )
     table = -np.log(np.diag(np.linalg.inv(S)))
     frugal = extrapolated(seconds, S, n, lambda S, x, path: frugal_increment(S, x, path, table), rng)
-    report("", ours, "the literal one with two small determinants each", frugal)
+    report("dynamic programme, the same", ours, "that with two small determinants each", frugal)
 
 
 def test_the_mutual_information_of_a_plan(report, seconds):
@@ -109,17 +109,18 @@ def test_the_mutual_information_of_a_plan(report, seconds):
 
 @pytest.mark.parametrize(("side", "n", "scale"), [(30, 40, 3.0), (50, 50, 4.0)])
 def test_sets_refined_by_exchange(side, n, scale, report, seconds):
-    S, repeat = lattice(side, scale), 1
+    S, repeat = lattice(side, scale), 2
     inverse = seconds(lambda: precision(S), repeat)
     greedy, ours = select_greedily(S, n), select_by_exchange(S, n)
     report(
         f"exchange, {side} × {side}, n = {n}",
         seconds(lambda: select_by_exchange(S, n), repeat),
-        "the inverse that it begins with",
+        "the inverse",
         inverse,
         f"I = {ours.mutual_information:.3f}, greedy {greedy.mutual_information:.3f}",
     )
-    report("", seconds(lambda: select_greedily(S, n), repeat), "the inverse (greedy alone)", inverse)
+    alone = seconds(lambda: select_greedily(S, n), repeat)
+    report(f"greedy alone, {side} × {side}, n = {n}", alone, "the inverse", inverse)
 
 
 @pytest.mark.parametrize("n", [41, 101, 301])

@@ -66,7 +66,7 @@ def sailed(seconds, speedup):
     autopilot = Autopilot(Vessel(Position(33.95, -118.8)), sensor, Options(speed_mps=10.0))
 
     def do(name, request, context):
-        if request.reestimate is not None and request.plan is not None:
+        if request.plan is not None:
             voyage.request = request
         return jobs.run(name, request, context)
 
