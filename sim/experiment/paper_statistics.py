@@ -26,14 +26,14 @@ class Course:
         seed: of the voyage.
         reestimates: so many were adopted.
         plans: so many were made.
-        first, last: medians of the error over the first and the last third of the samples.
+        first, last: medians of the error over the first and the last third of the run.
         final: the error at the end.
         fluctuation: root mean square of ln(error) about the falling curve that fits it best: 0.1 is about 10 % of
             the error.
         rise: what ln(error) climbs in all, every step upwards added; a curve that only falls has 0.
         rise_at_fits: how much of that at the moments when a re-estimate is adopted.
         early_jump, late_jump: root mean squares of the steps of ln(error) at re-estimates, those adopted in the first
-            third of the samples and those after it; NaN: there was none.
+            third of the run and those after it; NaN: there was none.
     """
 
     launch: int
@@ -85,7 +85,7 @@ def course_of(result: Result) -> Course:
     samples, error = _column(values, "samples"), _column(values, "mse")
     first, last = thirds(samples, error)
     fits, jumps = _column(values, "fit_samples"), _jumps(values)
-    early = fits <= samples[-1] / 3.0
+    early = fits <= _thirds_end(samples)[0]
     return Course(
         launch=int(arguments["launch"]),
         rho0=float(arguments["rho0"]),
@@ -104,9 +104,12 @@ def course_of(result: Result) -> Course:
 
 
 def thirds(samples: FloatArray, error: FloatArray) -> tuple[float, float]:
-    """Medians of the error over the first and over the last third of the samples; both arrays of shape (n,)."""
-    first, last = samples <= samples[-1] / 3.0, samples > samples[-1] * 2.0 / 3.0
-    return float(np.median(error[first])), float(np.median(error[last]))
+    """Medians of the error over the first and over the last third of a run; both arrays have shape (n,).
+
+    The run begins where there is something to judge, with the first model.
+    """
+    ends = _thirds_end(samples)
+    return float(np.median(error[samples <= ends[0]])), float(np.median(error[samples > ends[1]]))
 
 
 def fluctuation(error: FloatArray) -> float:
@@ -127,6 +130,12 @@ def claim_of(courses: Sequence[Course]) -> Claim:
 def geometric_mean(numbers: Sequence[float]) -> float:
     """Of positive numbers; NaN of none."""
     return float(np.exp(np.mean(np.log(numbers)))) if len(numbers) else float("nan")
+
+
+def _thirds_end(samples: FloatArray) -> tuple[float, float]:
+    """After how many samples the first and the second third of a run end."""
+    length = float(samples[-1] - samples[0])
+    return float(samples[0]) + length / 3.0, float(samples[0]) + length * 2.0 / 3.0
 
 
 def _rise(samples: FloatArray, error: FloatArray, values: Mapping[str, Value]) -> float:
