@@ -243,7 +243,9 @@ class AuthorityMachine(RuleBasedStateMachine):
     @rule()
     def released_from_ashore(self) -> None:
         self.released = self.released or (self.told_to_hold and self.seen_to_hold and self.holds)
+        self.before = self.authority.action
         self.authority.release(self.state)
+        self.told_home = self.told_home or self.authority.action is Action.GO_HOME
         self.permission = self.authority.decide(self.state)
 
     @rule(allowed=st.booleans())
@@ -351,13 +353,16 @@ class AuthorityMachine(RuleBasedStateMachine):
                 self.return_battery is not None and remaining is not None and remaining <= self.return_battery
             )
             assert low or self.authority.return_cause is not None
-        assert self.before in UNDERWAY, "from AUTO under our mission, or told again"
+        assert self.before in (*UNDERWAY, Action.HOLD), "from AUTO under our mission, or told again"
 
     @invariant()
     def auto_gives_it_to_us(self) -> None:
         """Silence alone would satisfy all the others."""
         kept = self.resume == "never" and self.ever_taken
         if self.mode == "observe" or kept or not self.under_way or self.on_board is not OnBoard.OURS:
+            return
+        if self.told_to_hold:
+            assert self.authority.action is Action.HOLD
             return
         assert self.authority.action in UNDERWAY
         assert self.permission.allowed or self.authority.action is Action.GO_HOME
