@@ -252,4 +252,4 @@ def _write_numbers(options: Options, courses: Sequence[Course]) -> None:
 def _write(path: Path, figure: Figure) -> None:
     FigureCanvasAgg(figure)
     # Maps of one shape never fill a figure of another.
-    figure.savefig(path, dpi=_DPI, bbox_inches="tight", pad_inches=0.08)
+    figure.savefig(path, dpi=_DPI, bbox_inches="tight", pad_inches=0.08, pil_kwargs={"optimize": True})

@@ -103,10 +103,9 @@ def _paths(voyage: Voyage, x_axis_m: FloatArray, y_axis_m: FloatArray) -> dict[s
 
     Arrays are padded with NaN to the longest; maps are of single precision.
     """
-    plans = _spread([each for each in voyage.plans if each.model is not None and len(each.model)], PATHS)
-    moments = _spread(voyage.curve, VARIANCE_MAPS)
+    plans, moments = _spread(voyage.plans, PATHS), _spread(voyage.curve, VARIANCE_MAPS)
     models = [each.model for each in plans if each.model is not None]
-    beliefs = [model.predict_grid(x_axis_m, y_axis_m) for model in models]
+    beliefs = [model.mean_grid(x_axis_m, y_axis_m) for model in models]
     doubts = [each.model.predict_grid(x_axis_m, y_axis_m) for each in moments if each.model is not None]
     return {
         "path_number": np.array([voyage.plans.index(each) + 1 for each in plans]),
@@ -115,7 +114,7 @@ def _paths(voyage: Voyage, x_axis_m: FloatArray, y_axis_m: FloatArray) -> dict[s
         "path_route_m": _padded([each.plan.route_m for each in plans]),
         "path_spots_m": _padded([each.plan.spots_m for each in plans]),
         "path_basis_m": _padded([model.basis for model in models]),
-        "path_mean": np.array([each.mean for each in beliefs], dtype=np.float32),
+        "path_mean": np.array(beliefs, dtype=np.float32),
         "variance_samples": np.array([each.samples for each in moments]),
         "variance": np.array([each.variance for each in doubts], dtype=np.float32),
         "track_m": voyage.track_m,

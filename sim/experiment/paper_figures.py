@@ -137,7 +137,7 @@ def by_hand(chart: Chart, belief: Prediction, points_m: FloatArray, rmse: float)
     image = chart.colour(axes[0], "(a) truth", chart.truth, chart.scale, haline())
     name = f"(b) predicted from {len(points_m)} random samples: RMSE {rmse:.3g}"
     chart.colour(axes[1], name, belief.mean, chart.scale, haline())
-    _dots(axes[1], points_m, s=9, color="white", edgecolors=INK, linewidths=0.6)
+    _dots(axes[1], points_m, s=5, color="white", edgecolors=INK, linewidths=0.5)
     _bar(figure, image, axes, chart.label, extend="both")
     return figure, (
         f"The truth, and the prediction from {len(points_m)} random samples (dots) under hyperparameters set by hand: "
@@ -202,6 +202,9 @@ def models(chart: Chart, detail: Result) -> Picture:
     count = len(values["path_samples"])
     figure, axes = chart.panels(count, 3)
     for k, axis in enumerate(axes):
+        if not len(_known(values["path_basis_m"][k])):
+            chart.blank(axis, f"({chr(97 + k)}) {_after(values['path_samples'][k])}: nothing is believed")
+            continue
         mean = np.asarray(values["path_mean"][k], dtype=float)
         rmse = np.sqrt(np.nanmean((mean - chart.truth) ** 2))
         name = f"({chr(97 + k)}) {_after(values['path_samples'][k])}: RMSE {rmse:.3g}"
@@ -239,7 +242,7 @@ def _known(padded: FloatArray) -> FloatArray:
 
 
 def _after(samples: int) -> str:
-    return f"after {samples} samples"
+    return f"after {samples} samples" if samples else "before any sample"
 
 
 def _dot(colour: str, label: str, size: float, marker: str = "o", edge: str | None = None) -> Line2D:
