@@ -365,8 +365,8 @@ class Authority:
     @property
     def waits_on_board(self) -> bool:
         """Whether a mission of ours waits on board for the operator to start it, and might be replaced."""
-        preparing = self.action in (Action.PREPARE, Action.SELECT_AUTO)
-        return preparing and not self.survey_started and self._waiting_on_board and self.on_board is OnBoard.OURS
+        preparing = not self.survey_started and self.action in (Action.PREPARE, Action.SELECT_AUTO)
+        return preparing and self._waiting_on_board and self.on_board is OnBoard.OURS
 
     def ask_for_another(self) -> None:
         """The mission that waits on board is not fit to be started from where the boat is now: replace it, once."""
@@ -440,8 +440,8 @@ class Authority:
         """Whether a mission may be uploaded to the vehicle in this state."""
         self.observe(state)
         sailing = self.action is Action.SAIL
-        preparing = self.action in (Action.PREPARE, Action.SELECT_AUTO, Action.ARM) and not self.survey_started
-        if not (sailing or preparing):
+        starts = (Action.PREPARE, Action.SELECT_AUTO, Action.ARM)
+        if not sailing and (self.survey_started or self.action not in starts):
             return Permission(False, self.reason)
         if not self._may_replace():
             return Permission(False, self._refusal())

@@ -114,6 +114,8 @@ class CommandDesk:
         """From now on commands are taken: each is given to `hand_over`, in zenoh's thread."""
         self._handed = hand_over
         self._thread.start()
+        seal = "sealed with the vehicle's token" if self._token else "as routers let them through"
+        log.info("commands from ashore: %s", seal if self._accepted else "off")
 
     def close(self) -> None:
         """Answer what waits for the disk, and end."""

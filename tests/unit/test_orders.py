@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.authority import AUTO, Action
+from autonomy.mavlink.authority import AUTO, HOLD, Action
 from autonomy.mavlink.codec import Codec
 from autonomy.mavlink.mission import Route
 from autonomy.orders import PAUSE_S, Orders
@@ -13,7 +13,8 @@ from autonomy.orders import PAUSE_S, Orders
 ROUTE = Route(own_system=1, own_component=191, vehicle_system=1, vehicle_component=1)
 RTL, SMART_RTL = 11, 12
 ARM, SET_MODE = 400, 176
-QUIET = [action for action in Action if action not in (Action.ARM, Action.SELECT_AUTO, Action.GO_HOME)]
+SPEAKS = (Action.ARM, Action.SELECT_AUTO, Action.GO_HOME, Action.HOLD)
+QUIET = [action for action in Action if action not in SPEAKS]
 
 
 def ack(result: int, command: int) -> Any:
@@ -35,7 +36,11 @@ def test_no_other_action_gives_an_order(action: Action) -> None:
 
 @pytest.mark.parametrize("home", [RTL, SMART_RTL])
 def test_each_action_has_its_order(home: int) -> None:
-    wanted = {Action.ARM: (ARM, 1.0, 0.0), Action.SELECT_AUTO: (SET_MODE, 1.0, AUTO)}
+    wanted = {
+        Action.ARM: (ARM, 1.0, 0.0),
+        Action.SELECT_AUTO: (SET_MODE, 1.0, AUTO),
+        Action.HOLD: (SET_MODE, 1.0, HOLD),
+    }
     for action, order in (wanted | {Action.GO_HOME: (SET_MODE, 1.0, home)}).items():
         assert step(Orders(home), 0.0, action) == [order]
 

@@ -197,3 +197,15 @@ def test_what_the_operator_starts_in_the_middle_of_an_upload_is_only_part_of_our
     assert authority.in_command
     authority.upload_begun()
     assert authority.on_board is OnBoard.OURS, "under way it sails on meanwhile"
+
+
+@pytest.mark.parametrize("remembered", [Command.SENT_HOME, Command.RETURNING, Command.STOPPING, Command.HELD])
+def test_what_was_begun_in_full_is_the_operators_once_missions_is_configured(remembered: Command) -> None:
+    authority = Authority(adopt=False, mode="missions")
+    authority.command = remembered
+    authority.settle(Command.BEFORE_START)
+    assert authority.command is Command.YIELDED
+    in_full = Authority(adopt=False, mode="full")
+    in_full.command = remembered
+    in_full.settle(Command.BEFORE_START)
+    assert in_full.command is remembered
