@@ -68,6 +68,14 @@ def test_return_brings_it_home_over_water(voyage: Any, legs_over_land: Any) -> N
     here_m = FRAME.to_local(*voyage.autopilot.vessel.position)
     assert np.hypot(*(here_m - HARBOUR_M)) < 400.0
     assert legs_over_land(voyage.plan_m()) == 0
+    # Disarmed and started again, it begins another survey.
+    voyage.arm(armed=False)
+    voyage.advance(10.0)
+    voyage.arm()
+    voyage.select(Mode.AUTO)
+    voyage.until("verified on board")
+    assert voyage.health.state == "exploring"
+    assert len(voyage.on_board_m()) > 1
 
 
 def test_finish_sails_the_path_to_its_end_and_then_home(voyage: Any) -> None:
