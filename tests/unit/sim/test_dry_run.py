@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sim.cli import main
+from sim.currents import TidalCurrent
 
 CONFIGURATION = """
 mavlink: {endpoint: "serial:/dev/no-such-port:57600"}
@@ -121,6 +122,14 @@ def test_a_boat_that_needs_more_than_was_guessed(desk: Path) -> None:
     assert 0.8 < energy["share"] <= 1.0
     assert told(desk)["km"] < 0.6 * 90.0 * 3.6 / 80.0  # of what was guessed
     assert told(desk)["energy_wh"] == pytest.approx(160.0 * told(desk)["km"] / 3.6, rel=0.1)
+
+
+def test_a_tide_turns() -> None:
+    """After half its period of 12.42 h it runs the other way, as fast."""
+    tide, half_s = TidalCurrent(0.4, 90.0), 0.5 * 12.4206 * 3600.0
+    assert tide.current(36.6, -122.0, 0.0) == pytest.approx((0.4, 0.0), abs=1e-12)
+    assert tide.current(36.6, -122.0, half_s) == pytest.approx((-0.4, 0.0), abs=1e-12)
+    assert tide.current(36.6, -122.0, 0.5 * half_s) == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
 @pytest.mark.parametrize(
