@@ -14,7 +14,7 @@ class DryRunError(RuntimeError):
     """Nothing could be sailed; the text says why, for a person."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Wishes:
     """What the configuration does not say.
 
