@@ -85,9 +85,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Sail, compare and report.
 
-    Exit codes: 0 done, 1 a voyage or the writing failed, 2 usage or a field can't be used.
+    Exit codes: 0 done, 1 the writing failed, 2 usage or a field can't be used; and those of every sweep.
     """
-    from sim.experiment.cells import SweepError
     from sim.experiment.compare import compare
     from sim.field import FieldError
 
@@ -97,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(compare(plan, arguments.out, arguments.jobs, arguments.cluster))
     except (FieldError, _UsageError) as error:
         return _failed(error, 2)
-    except (SweepError, OSError) as error:
+    except OSError as error:
         return _failed(error, 1)
     return 0
 
