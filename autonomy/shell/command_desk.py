@@ -218,6 +218,8 @@ class CommandDesk:
             except zenoh.ZError as error:
                 # Whoever asked may be gone; he asks again, and gets the same answer.
                 log.info("a command could not be answered: %s", error)
+            except WireError as error:
+                log.error("a command was carried out, and its answer can't be written: %s", error)
             with self._lock:
                 self._waiting -= 1
 

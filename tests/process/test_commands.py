@@ -18,16 +18,20 @@ import zenoh
 sys.path.insert(0, str(Path(__file__).parent))
 from at_sea import VEHICLE, VESSEL, configure, operating
 from bad_line import BadLine
-from processes import Processes, Running, free_port
+from processes import Processes, Running, free_port, wait_until
 from shore_helpers import session
 from test_security import certificates, guarded_router, run_the_documentation
 from test_security import session as secure_session
 
 from autonomy import wire_commands as wire
-from autonomy.effects import Answer
+from autonomy.command_memory import CommandMemory
+from autonomy.effects import Answer, Outcome
 from autonomy.endpoints import session_settings
+from autonomy.events import CommandReceived
 from autonomy.replay import replay
+from autonomy.shell.command_desk import CommandDesk
 from autonomy.shore.commanding import Commander
+from autonomy.shore.subscriber import Subscriber
 
 pytestmark = pytest.mark.process
 
@@ -173,6 +177,11 @@ def test_what_strangers_ask_for_does_nothing_and_is_told(tmp_path: Path) -> None
         assert refused.returncode == 1
         assert "it is sealed with another token than the vehicle's" in refused.stderr
         service.wait_for("commands from ashore: 1 unauthorised")
+        with Subscriber(VEHICLE, connect=[shore_at]) as shore:
+            wait_until(
+                lambda: "2 unauthorised" in getattr(shore.latest(VEHICLE).health, "security", ""),
+                what="health",
+            )
         sound = ctl("pause", shore_at, "--token", str(token), "--json")
         told = json.loads(sound.stdout)
         assert (sound.returncode, told["outcome"]) == (1, "refused")
@@ -198,6 +207,30 @@ def test_what_strangers_ask_for_does_nothing_and_is_told(tmp_path: Path) -> None
     assert b"boat1.token" in written
     for text in (said, shown, written):
         assert SECRET.encode() not in text
+
+
+@pytest.mark.parametrize(("offset_s", "says"), [(-1000.0, "1000 s behind ours"), (3e7, "s ahead of ours")])
+def test_a_boat_whose_clock_is_wrong_is_commanded_by_its_clock(offset_s: float, says: str) -> None:
+    at, token, memory = f"tcp/127.0.0.1:{free_port()}", wire.Token(SECRET.encode()), CommandMemory()
+    desk = CommandDesk(VEHICLE, accepted=True, token=token, fresh=False, utc_s=lambda: time.time() + offset_s)
+    asked: list[CommandReceived] = []
+
+    def core(command: CommandReceived) -> None:
+        asked.append(command)
+        outcome, text = memory.objection(command) or (Outcome.DONE, "so it is")
+        about = (command.command_id, command.verb, outcome, text)
+        desk.answered(Answer(*about, "", "", "", armed=False, utc_s=command.received_utc_s))
+
+    desk.start(core)
+    notes: list[str] = []
+    with session("router", listen=[at]) as router, router.declare_queryable(f"usv/{VEHICLE}/*", desk.take):
+        settings = session_settings("client", connect=[at])
+        result = Commander(settings, VEHICLE, token, threading.Event(), notes.append).ask("pause", 30.0)
+    desk.close()
+    assert result.answer is not None
+    assert result.answer.outcome is Outcome.DONE
+    assert any(says in note for note in notes)
+    assert len({command.command_id for command in asked}) == 2
 
 
 def test_nobody_answers_for_a_vehicle_that_is_not_there(tmp_path: Path) -> None:
