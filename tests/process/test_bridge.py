@@ -183,7 +183,7 @@ def test_at_twenty_hertz_nothing_is_lost_or_doubled(tmp_path: Path) -> None:
     stamps = [stamp for _, stamp in vehicle.readings]
     assert all(before < after for before, after in itertools.pairwise(stamps))
     assert "Traceback" not in running.said
-    assert running.said.count("can't read") <= 3
+    assert running.said.count("can't read") <= 3 + LASTS_S / 20.0  # once a minute, of hundreds
     assert "probe: sending" in vehicle.texts
 
 
