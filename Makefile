@@ -9,7 +9,7 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
-.PHONY: help setup demo test accuracy routes soak-learning soak-authority soak-restarts soak-links soak-decoders soak-month systemd-test soak-shore first-day fleet-test browser-test lint bench clean
+.PHONY: help setup demo test accuracy routes soak-learning soak-authority soak-restarts soak-links soak-decoders soak-month systemd-test soak-shore soak-commands first-day fleet-test browser-test lint bench clean
 
 help:
 	@echo "make demo            a simulated vessel learns a patch of coast: three processes, about two minutes, one picture"
@@ -22,6 +22,7 @@ help:
 	@echo "make soak-links      a hundred missions over a link that loses three in ten, every habit unhandled: fifty minutes"
 	@echo "make systemd-test    the unit on a systemd booted in a container, with faults: as root, two minutes"
 	@echo "make soak-shore      ten minutes without router, boat or listener, and a radio of 2400 bit/s: as root, an hour"
+	@echo "make soak-commands   commands from ashore through losses, restarts of service and router, and wrong clocks: twenty minutes"
 	@echo "make soak-decoders   a million damaged inputs for every reader of bytes from outside: half a day"
 	@echo "make soak-month      a simulated month at sea under faults: two hours, alone on a core"
 	@echo "make first-day       docs/first-day.md, typed in from install to a boat under way: five minutes"
@@ -79,6 +80,10 @@ soak-shore: $(READY)
 	HALOCLINE_OUTAGE_S=600 $(BIN)/python -m pytest -q --timeout=14400 tests/process/test_outages.py
 	HALOCLINE_THIN_S=300 $(BIN)/python -m pytest -q --timeout=14400 \
 		tests/process/test_thin_link.py tests/process/test_service_lateness.py
+
+soak-commands: $(READY)
+	HALOCLINE_COMMANDS=20 $(BIN)/python -m pytest -q -s --timeout=3600 \
+		tests/process/test_commands.py tests/scenario/test_directives.py
 
 systemd-test: $(READY)
 	command -v systemd-nspawn || (apt-get update && apt-get install --yes systemd-container)
