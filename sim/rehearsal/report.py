@@ -83,7 +83,7 @@ def draw(outcome: Outcome, path: Path) -> None:
         info.long_name,
         info.units,
         f"{outcome.configuration.survey.name}: {sailed.km:.1f} km in {_duration(3600.0 * sailed.hours)}, "
-        f"{len(sailed.plans)} plan{'s' * (len(sailed.plans) != 1)}, error {last.rmse / sailed.field_std:.0%} of the field's standard deviation",
+        f"plans: {len(sailed.plans)}, error {last.rmse / sailed.field_std:.0%} of the field's standard deviation",
     )
 
 
