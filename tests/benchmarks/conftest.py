@@ -179,6 +179,10 @@ def _told(spent_s: float) -> str:
     return f"{spent_s / 1e-6:.3g} µs"
 
 
+def _ratio(ratio: float) -> str:
+    return f"1/{_ratio(1.0 / ratio)}" if ratio < 0.01 else f"{float(f'{ratio:.3g}'):g}"
+
+
 def _table(head: Sequence[str], lines: Sequence[Sequence[str]]) -> Iterator[str]:
     """Markdown that is a table in a terminal too."""
     widths = [max(map(len, column)) for column in zip(head, *lines, strict=True)]
@@ -202,7 +206,7 @@ def _lines(rows: Sequence[Row], exponents: Sequence[Exponent]) -> Iterator[str]:
                 row.name + (f" ({row.note})" if row.note else ""),
                 _told(row.seconds),
                 f"{row.reference}, {_told(row.reference_seconds)}",
-                f"{row.ratio:.3g}" if row.ratio >= 0.01 else f"1/{1.0 / row.ratio:.3g}",
+                _ratio(row.ratio),
             )
             for row in group
         ]
