@@ -9,7 +9,7 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 export MKL_NUM_THREADS = 1
 
-.PHONY: help setup demo test accuracy routes soak-learning soak-authority soak-restarts soak-links soak-decoders soak-month systemd-test soak-shore soak-commands first-day fleet-test browser-test lint bench clean
+.PHONY: help setup demo test accuracy routes soak-learning soak-authority soak-restarts soak-links soak-decoders soak-month systemd-test soak-shore soak-commands soak-bridge first-day fleet-test browser-test lint bench clean
 
 help:
 	@echo "make demo            a simulated vessel learns a patch of coast: three processes, about two minutes, one picture"
@@ -23,6 +23,7 @@ help:
 	@echo "make systemd-test    the unit on a systemd booted in a container, with faults: as root, two minutes"
 	@echo "make soak-shore      ten minutes without router, boat or listener, and a radio of 2400 bit/s: as root, an hour"
 	@echo "make soak-commands   commands from ashore through losses, restarts of service and router, and wrong clocks: twenty minutes"
+	@echo "make soak-bridge     an instrument at 20 Hz that is unplugged, and talks nonsense: an hour"
 	@echo "make soak-decoders   a million damaged inputs for every reader of bytes from outside: half a day"
 	@echo "make soak-month      a simulated month at sea under faults: two hours, alone on a core"
 	@echo "make first-day       docs/first-day.md, typed in from install to a boat under way: five minutes"
@@ -85,6 +86,9 @@ soak-commands: $(READY)
 	HALOCLINE_COMMANDS=20 $(BIN)/python -m pytest -q -s --timeout=3600 \
 		tests/process/test_commands.py tests/scenario/test_directives.py
 
+soak-bridge: $(READY)
+	HALOCLINE_BRIDGE_S=3600 $(BIN)/python -m pytest -q --timeout=14400 tests/process/test_bridge.py -k twenty
+
 systemd-test: $(READY)
 	command -v systemd-nspawn || (apt-get update && apt-get install --yes systemd-container)
 	HALOCLINE_BOOT=1 $(BIN)/python -m pytest -q -s tests/process/test_systemd.py
@@ -97,7 +101,7 @@ soak-month: $(READY)
 	HALOCLINE_MONTH_S=2750000 $(BIN)/python -m pytest -q -s --timeout=86400 tests/scenario/test_month.py
 
 first-day: $(READY)
-	HALOCLINE_FIRST_DAY=1 $(BIN)/python -m pytest -q tests/process/test_first_day.py
+	HALOCLINE_FIRST_DAY=1 $(BIN)/python -m pytest -q tests/process/test_first_day.py tests/process/test_bridge.py
 
 fleet-test: $(READY)
 	HALOCLINE_FLEET=100 $(BIN)/python -m pytest -q -s --timeout=600 tests/process/test_shore_serve.py -k fleet
