@@ -140,7 +140,7 @@ def orders_are_given_once(patch: pytest.MonkeyPatch) -> None:
     """And as soon as there is a mission."""
     the_estimator_is_not_asked(patch)
     mission_suffices = lambda self, state: self.on_board is OnBoard.OURS and self._waiting_on_board  # noqa: E731
-    patch.setattr(Authority, "_is_ready", mission_suffices)
+    patch.setattr(Authority, "is_ready", mission_suffices)
     sound = Orders._conclude
 
     def conclude(self: Orders, now: float, words: str) -> None:
