@@ -1,6 +1,6 @@
 """How the error of the paper's voyages goes down, how it fluctuates on the way, and where it does."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,8 @@ class Course:
         rise_at_fits: how much of that at the moments when a re-estimate is adopted.
         early_jump, late_jump: root mean squares of the steps of ln(error) at re-estimates, those adopted in the first
             third of the run and those after it; NaN: there was none.
+        new_fits: so many of the re-estimates changed the hyperparameters; too few points or a failed fit keep them.
+        longest_fit: the most samples that were taken under the same hyperparameters.
     """
 
     launch: int
@@ -49,6 +51,8 @@ class Course:
     rise_at_fits: float
     early_jump: float
     late_jump: float
+    new_fits: int
+    longest_fit: int
 
     @property
     def falls(self) -> bool:
@@ -58,12 +62,12 @@ class Course:
 
 @dataclass(frozen=True)
 class Claim:
-    """What the voyages say of "more error fluctuations for low rho0".
+    """What the voyages say of "more error fluctuations for low rho0", by one measure of fluctuation.
 
     Attributes:
-        correlation, p: Spearman's, between rho0 and fluctuation over all voyages that may re-estimate, and the chance
+        correlation, p: Spearman's, between rho0 and the measure over all voyages that may re-estimate, and the chance
             of one so strong without any.
-        low, high: geometric means of the fluctuation under low and high thresholds.
+        low, high: means of the measure under low and high thresholds.
     """
 
     correlation: float
@@ -85,6 +89,7 @@ def course_of(result: Result) -> Course:
     samples, error = _column(values, "samples"), _column(values, "mse")
     first, last = thirds(samples, error)
     fits, jumps = _column(values, "fit_samples"), _jumps(values)
+    changes = fits[~np.asarray(values["fit_kept"], dtype=bool)]
     early = fits <= _thirds_end(samples)[0]
     return Course(
         launch=int(arguments["launch"]),
@@ -100,6 +105,8 @@ def course_of(result: Result) -> Course:
         rise_at_fits=float(jumps[jumps > 0.0].sum()),
         early_jump=_rms(jumps[early]),
         late_jump=_rms(jumps[~early]),
+        new_fits=len(changes),
+        longest_fit=int(np.diff([0.0, *changes, samples[-1]]).max()),
     )
 
 
@@ -118,13 +125,13 @@ def fluctuation(error: FloatArray) -> float:
     return _rms(logs - isotonic_regression(logs, increasing=False).x)
 
 
-def claim_of(courses: Sequence[Course]) -> Claim:
+def claim_of(courses: Sequence[Course], measure: Callable[[Course], float]) -> Claim:
     """What the voyages say of the paper's claim; at least three of them must be allowed to re-estimate."""
     tried = [each for each in courses if each.rho0 < NEVER]
-    found = spearmanr([each.rho0 for each in tried], [each.fluctuation for each in tried])
-    low = [each.fluctuation for each in tried if each.rho0 <= LOW]
-    high = [each.fluctuation for each in tried if each.rho0 >= HIGH]
-    return Claim(float(found.statistic), float(found.pvalue), geometric_mean(low), geometric_mean(high))
+    found = spearmanr([each.rho0 for each in tried], [measure(each) for each in tried])
+    low = [measure(each) for each in tried if each.rho0 <= LOW]
+    high = [measure(each) for each in tried if each.rho0 >= HIGH]
+    return Claim(float(found.statistic), float(found.pvalue), _mean(low), _mean(high))
 
 
 def geometric_mean(numbers: Sequence[float]) -> float:
@@ -156,6 +163,10 @@ def _jumps(values: Mapping[str, Value]) -> FloatArray:
 
 def _rms(numbers: FloatArray) -> float:
     return float(np.sqrt(np.mean(numbers**2))) if len(numbers) else float("nan")
+
+
+def _mean(numbers: Sequence[float]) -> float:
+    return float(np.mean(numbers)) if len(numbers) else float("nan")
 
 
 def _column(values: Mapping[str, Value], name: str) -> FloatArray:
