@@ -26,7 +26,7 @@ help:
 	@echo "make soak-bridge     an instrument at 20 Hz that is unplugged, and talks nonsense: an hour"
 	@echo "make soak-decoders   a million damaged inputs for every reader of bytes from outside: half a day"
 	@echo "make soak-month      a simulated month at sea under faults: two hours, alone on a core"
-	@echo "make first-day       docs/first-day.md, typed in from install to a boat under way: five minutes"
+	@echo "make first-day       the pages of the path, typed in: from a polygon to a boat under way, and an instrument: ten minutes"
 	@echo "make fleet-test      a hundred vessels and one shore process: three minutes"
 	@echo "make browser-test    the page in a real Chromium: as root where chromium is missing, six minutes"
 	@echo "make lint            style, types and import contracts"
@@ -101,7 +101,8 @@ soak-month: $(READY)
 	HALOCLINE_MONTH_S=2750000 $(BIN)/python -m pytest -q -s --timeout=86400 tests/scenario/test_month.py
 
 first-day: $(READY)
-	HALOCLINE_FIRST_DAY=1 $(BIN)/python -m pytest -q tests/process/test_first_day.py tests/process/test_bridge.py
+	HALOCLINE_FIRST_DAY=1 $(BIN)/python -m pytest -q \
+		tests/process/test_first_day.py tests/process/test_desk_pages.py tests/process/test_bridge.py
 
 fleet-test: $(READY)
 	HALOCLINE_FLEET=100 $(BIN)/python -m pytest -q -s --timeout=600 tests/process/test_shore_serve.py -k fleet
