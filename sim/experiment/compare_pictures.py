@@ -17,9 +17,11 @@ from sim.experiment.compare_table import Comparison, in_words, run_of
 from sim.experiment.compare_ways import BETTER_LANES, COLOURS, LANES, OURS, ROWS, TITLES
 from sim.plots import INK, LAND, VALUES_MAP
 
-_DPI = 110
+_DPI = 90
 _GRID = "#dddddd"
-_ROW_IN = 0.46
+_ROW_IN = 0.5
+_BELOW = 0.28
+"""Of a row: how far the points of single seas are below their mean, lest its interval hides them."""
 
 Picture = tuple[bytes, str]
 """A PNG, and what it shows in words."""
@@ -64,7 +66,9 @@ def _ratios_of(axis: Axes, each: Comparison, rows: Sequence[str]) -> None:
             )
             for sea in each.seas
         ]
-        axis.scatter(seas, np.full(len(seas), k), s=16, color=COLOURS[name], alpha=0.55, linewidths=0)
+        axis.scatter(
+            seas, np.full(len(seas), k + _BELOW), s=16, color=COLOURS[name], alpha=0.55, linewidths=0
+        )
         if not math.isnan(whole.low):
             axis.plot(
                 [whole.low, whole.high], [k, k], color=COLOURS[name], linewidth=2.4, solid_capstyle="butt"
