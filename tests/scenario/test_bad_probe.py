@@ -15,6 +15,7 @@ from .conftest import FRAME, WIDTH_M, Sea, boat, rmse_of
 
 NOISE_STD = 0.02
 SAILING_S = 1500.0
+_SAILED = {}
 
 
 def faults():
@@ -34,6 +35,18 @@ def survey_with(make_voyage, troubles, *vessel, **sections):
     voyage.start()
     voyage.advance(SAILING_S)
     return voyage
+
+
+@pytest.fixture
+def with_faults(make_voyage):
+    """`with_faults(seed)`: a survey with all the faults, sailed once for all tests that only look at it."""
+
+    def sailed(seed):
+        if seed not in _SAILED:
+            _SAILED[seed] = survey_with(make_voyage, faults(), boat(seed=seed))
+        return _SAILED[seed]
+
+    return sailed
 
 
 def told(voyage):
@@ -56,12 +69,12 @@ def rmse_after(notices):
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_the_map_is_as_good_as_with_a_probe_that_works(make_voyage, seed):
+def test_the_map_is_as_good_as_with_a_probe_that_works(with_faults, seed):
     """No worse than the worst of twenty draws of the noise, for the same places.
 
     Two surveys would sail differently, and one lucky tour halves the error.
     """
-    voyage = survey_with(make_voyage, faults(), boat(seed=seed))
+    voyage = with_faults(seed)
     quality = voyage.health.quality
     assert quality["flat_line"][2] + quality["flat_line"][3] > 40
     assert quality["spike"][3] > 10
@@ -89,8 +102,8 @@ def test_without_quality_control_it_is_worthless(make_voyage):
     assert survey_with(make_voyage, faults(), quality=off).rmse() > 2.0
 
 
-def test_what_was_refused_goes_ashore_with_its_flags_and_is_explained(make_voyage):
-    voyage = survey_with(make_voyage, faults())
+def test_what_was_refused_goes_ashore_with_its_flags_and_is_explained(with_faults):
+    voyage = with_faults(0)
     samples = voyage.samples
     notices = told(voyage)
     assert [one.model_time_s for one in notices] == sorted(one.model_time_s for one in notices)
