@@ -72,6 +72,7 @@ class RawLog:
     def _begin(self) -> TextIO:
         """Begin another file: numbered on, so that names are in order even if the clock is set back."""
         self._folder.mkdir(parents=True, exist_ok=True)
+        self._remove_oldest()
         numbers = [int(path.stem.split("-")[1]) for path in self._files()]
         date = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
         path = self._folder / f"raw-{max(numbers, default=0) + 1:06d}-{date}{SUFFIX}"
@@ -79,6 +80,14 @@ class RawLog:
         file.write(self._header + "\n")
         self._written = len(self._header) + 1
         return file
+
+    def _remove_oldest(self) -> None:
+        """Make room before a file is begun: runs may end long before their file is full."""
+        files = self._files()
+        sizes = [path.stat().st_size for path in files]
+        while len(files) > 1 and sum(sizes) > self._total_bytes:
+            files.pop(0).unlink()
+            sizes.pop(0)
 
     def _files(self) -> list[Path]:
         return sorted(self._folder.glob(f"raw-[0-9]*-*{SUFFIX}"))
@@ -104,11 +113,6 @@ class RawLog:
             return
         self._file.close()
         self._file = self._begin()
-        files = self._files()
-        sizes = [path.stat().st_size for path in files]
-        while len(files) > 1 and sum(sizes) > self._total_bytes:
-            files.pop(0).unlink()
-            sizes.pop(0)
 
     def _try(self, action: Callable[[], object]) -> None:
         try:

@@ -49,7 +49,7 @@ class Translator:
 
     def take(self, now: float, line: str) -> Translation:
         """Translate a line that came at `now`; of several that came at once each counts as later than the last."""
-        now = self._last_s = max(now, self._last_s + _LEAST_STEP_S)
+        now = max(now, self._last_s + _LEAST_STEP_S)
         try:
             fields = self._reader.read(line)
             numbers = {name: self._number(value, fields) for name, value in self._values.items()}
@@ -59,6 +59,7 @@ class Translator:
         except LineError as error:
             self.unreadable[str(error)] += 1
             return Translation({}, {}, unreadable=str(error))
+        self._last_s = now  # garbage must not make what comes after it later than it is
         self.read += 1
         if withheld is not None:
             self.withheld[withheld] += 1
@@ -66,7 +67,11 @@ class Translator:
                 each.restart()
             return Translation({}, numbers, withheld=withheld)
         timed = {name: self._corrections[name].add(now, value) for name, value in numbers.items()}
-        return Translation({name: value for name, value in timed.items() if value is not None}, numbers)
+        # What is sharpened may come out larger than what went in.
+        sound = {
+            name: each for name, each in timed.items() if each is not None and abs(each.value) <= LARGEST
+        }
+        return Translation(sound, numbers)
 
     def _number(self, value: ValueSection, fields: Fields) -> float:
         text = fields.get(value.field)

@@ -91,6 +91,27 @@ def test_every_number_that_is_read_can_be_sent(value: str) -> None:
     assert struct.pack("<f", message.value)
 
 
+def test_what_sharpening_makes_too_large_is_not_sent() -> None:
+    rig = Rig(values={"SALT": {"field": 1, "response_s": 5.0, "response": "sharpen", "window_s": 0.5}})
+    sent = []
+    for value in ("3e38", "-3e38", *["33.5"] * 5):
+        rig.now += 0.5
+        rig.vehicle()
+        sent += rig.line(f"{value}, 1").messages
+    assert sent
+    for message in sent:
+        rig.boat.encode(message)
+
+
+def test_lines_after_a_flood_of_garbage_are_not_of_the_future() -> None:
+    rig = Rig()
+    rig.vehicle()
+    for _ in range(20_000):
+        rig.line("?")
+    (sent,) = rig.line().messages
+    assert sent.time_boot_ms == pytest.approx(1000 * (rig.now - 1000.0), abs=2)
+
+
 def test_it_says_how_it_is_once_and_again_when_that_changes() -> None:
     rig = Rig(instrument={"name": "probe", "silence_s": 5})
     rig.wait(20.0)

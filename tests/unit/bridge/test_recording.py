@@ -45,6 +45,15 @@ def test_another_run_goes_on_in_another_file(tmp_path: Path) -> None:
     assert [each.name[:10] for each in files(tmp_path)] == ["raw-000001", "raw-000002", "raw-000003"]
 
 
+def test_many_short_runs_are_bounded_too(tmp_path: Path) -> None:
+    for _ in range(20):
+        raw = RawLog(tmp_path, HEADER, 2000, 5000)
+        for k in range(10):
+            raw.add({"host_s": float(k), "line": "x" * 80})
+        raw.close()
+    assert sum(each.stat().st_size for each in files(tmp_path)) < 7000
+
+
 def test_a_folder_that_can_not_be_written_costs_lines_only_for_so_long(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
