@@ -162,7 +162,9 @@ def test_with_a_decimal_comma_a_point_is_none(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "reader", [Columns(",", 3), Columns(" ", 2), SBE45, Sentence("MTW", checksum_required=False)], ids=repr
+    "reader",
+    [Columns(",", 3), Columns(" ", 2), SBE45, Sentence("MTW", checksum_required=False)],
+    ids=["commas", "spaces", "pattern", "sentence"],
 )
 @settings(deadline=None, max_examples=60)
 @given(line=TEXT)
