@@ -124,7 +124,12 @@ class Directives:
         self._watch_start(now)
         if wish is None:
             return None
-        if self._was_taken():
+        if not helm.authority.survey_started:
+            # Its autopilot began anew, or its mission was cleared: another comes on board, and nobody has let it go on.
+            if self._authority_section.mode == "full":
+                helm.authority.allow_start(False)
+            self._end("the survey has to be started again")
+        elif self._was_taken():
             self._end("the operator has taken the boat and given it back")
         elif self._homeward.reason and not self._homeward.is_sent:
             if wish is not Wish.RETURN:
@@ -136,13 +141,13 @@ class Directives:
         return None
 
     def _watch_start(self, now: float) -> None:
-        """A boat that could not start when it was told to must not do so when nobody expects it any more."""
+        """Told to start, a boat does so once, and not when nobody expects it any more."""
         authority = self._helm.authority
-        if self._start_until is None or now < self._start_until:
+        if self._start_until is None or not (authority.survey_started or now >= self._start_until):
             return
         self._start_until = None
+        authority.allow_start(False)
         if not authority.survey_started:
-            authority.allow_start(False)
             self._reporter.log(
                 Level.WARNING, f"the boat has not started in {START_S:.0f} s: it waits for another start"
             )
@@ -235,9 +240,9 @@ class Directives:
             return False, "the operator has taken the boat: he starts it again himself"
         if vehicle is None or not authority.is_ready(vehicle):
             return False, f"it is not ready: {self._unready()}"
-        authority.allow_start(True)
-        if self._authority_section.start == "on_command":
+        if authority.waits_for_start or self._start_until is not None:
             self._start_until = now + START_S
+        authority.allow_start(True)
         return True, "AUTO is selected and the boat armed"
 
     def _unready(self) -> str:

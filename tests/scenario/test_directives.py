@@ -167,6 +167,7 @@ def test_in_full_the_boat_starts_when_it_is_told_to(make_voyage: Any) -> None:
     assert "or for `start` from ashore" in voyage.health.reason
     assert told(voyage, "start").outcome is Outcome.DONE
     voyage.until("exploring: in AUTO under our mission", patience_s=30.0)
+    assert voyage.core._helm.authority.waits_for_start, "it was told to start once"
 
 
 def test_a_start_that_came_to_nothing_is_not_good_for_ever(make_voyage: Any) -> None:
@@ -187,6 +188,29 @@ def test_in_full_pause_keeps_a_boat_from_starting(make_voyage: Any) -> None:
     voyage.advance(120.0)
     assert not voyage.autopilot.navigator.armed
     assert told(voyage, "start").outcome is Outcome.DONE
+    voyage.until("exploring: in AUTO under our mission", patience_s=30.0)
+
+
+def test_in_full_a_paused_boat_whose_mission_was_cleared_waits_for_another_start(fully: Any) -> None:
+    """Who cleared it gets another on board, but has not asked for the boat to go on."""
+    told(fully, "pause", settle_s=10.0)
+    fully.upload_as_operator()
+    fully.advance(60.0)
+    assert len(fully.on_board_m())
+    assert fully.autopilot.navigator.mode is Mode.HOLD
+    assert told(fully, "start").outcome is Outcome.DONE
+    fully.until("exploring: in AUTO under our mission", patience_s=30.0)
+
+
+def test_a_paused_boat_whose_mission_was_cleared_can_be_given_back(voyage: Any) -> None:
+    """AUTO is refused without a mission."""
+    told(voyage, "pause")
+    voyage.select(Mode.MANUAL)
+    voyage.advance(5.0)
+    voyage.upload_as_operator()
+    voyage.advance(60.0)
+    assert len(voyage.on_board_m())
+    voyage.select(Mode.AUTO)
     voyage.until("exploring: in AUTO under our mission", patience_s=30.0)
 
 
