@@ -120,7 +120,13 @@ COURSE = Course(0, 0.6, 0, 3, 5, 2.0, 1.0, 0.9, 0.2, 1.0, 0.5, 0.3, 0.1, 2, 700)
 def test_the_claim_follows_the_figures(sign, holds):
     rng = np.random.default_rng(1)
     courses = [
-        replace(COURSE, launch=launch, rho0=rho0, fluctuation=math.exp(sign * rho0) * rng.uniform(0.9, 1.1))
+        replace(
+            COURSE,
+            launch=launch,
+            rho0=rho0,
+            fluctuation=math.exp(sign * rho0) * rng.uniform(0.9, 1.1),
+            rise=rng.uniform(),
+        )
         for launch in (0, 1)
         for rho0 in THRESHOLDS
     ]
