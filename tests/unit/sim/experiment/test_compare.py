@@ -114,8 +114,6 @@ def test_a_voyage_is_the_same_again_to_the_last_digit() -> None:
     assert 0.85 * side_m <= distance_m[-1] <= 1.01 * side_m
     # A sample every fiftieth; one may be late after a turn.
     assert 0.9 * 50 * distance_m[-1] / side_m <= first["samples"] <= 51
-    other = sail({**told, "seed": 3})
-    assert other["final_rmse"] != first["final_rmse"]
 
 
 def test_seas_are_what_they_are_called() -> None:

@@ -105,7 +105,7 @@ def test_greedy_entropy_goes_where_a_reading_is_the_least_certain() -> None:
 
 
 def test_greedy_information_tours_the_spots_that_greedy_selection_takes() -> None:
-    here = underway(np.array([HOME_M, [9500.0, 400.0]]))
+    here = underway(np.array([HOME_M, [9500.0, 400.0]]), budget_m=2.0 * BUDGET_M)
     corners = GreedyInformation().stretch(here)
     sites, _ = here.affordable(here.sites())
     S = here.map().covariance(sites, here.time_s)
