@@ -33,13 +33,12 @@ from sim.experiment.paper_numbers import (
     Ablation,
 )
 from sim.experiment.paper_report import report
-from sim.experiment.paper_setting import hyperparameters, launch_m, paper_waters, profile
+from sim.experiment.paper_setting import hyperparameters, launch_m, paper_waters, profile, random_readings
 from sim.experiment.paper_statistics import Course, course_of
 from sim.experiment.sweep_provenance import commit, machine
 from sim.field import Field, open_field
 from sim.truth_map import TruthMap
 
-RANDOM_SAMPLES = 50
 WEEK_S = 7 * 86_400.0
 _DPI = 110
 
@@ -182,16 +181,11 @@ def predicted_by_hand(waters: TruthMap, seed: int) -> tuple[Prediction, FloatArr
     Returns:
         The prediction on the map, where the samples are, shape (50, 2), and the map's RMSE.
     """
-    rng, truth = np.random.default_rng(seed), waters.truth(0.0)
-    rows, columns = np.nonzero(np.isfinite(truth))
-    chosen = rng.choice(len(rows), RANDOM_SAMPLES, replace=False)
-    rows, columns = rows[chosen], columns[chosen]
-    values = truth[rows, columns] + NOISE_SHARE * np.nanstd(truth) * rng.standard_normal(RANDOM_SAMPLES)
-    points = np.column_stack([waters.x_axis_m[columns], waters.y_axis_m[rows]])
+    points, values = random_readings(waters, seed)
     model = profile(waters).model
     gp = SparseOnlineGP(
         hyperparameters(waters, MANUAL),
-        model.capacity or RANDOM_SAMPLES,
+        model.capacity or len(points),
         model.novelty,
         prior_mean=float(values.mean()),
     )

@@ -8,7 +8,7 @@ import numpy as np
 from autonomy.geometry import FloatArray
 from sim.experiment.cells import Value
 from sim.experiment.paper_numbers import LAUNCHES, NOISE_SHARE
-from sim.experiment.paper_setting import launch_m, paper_waters, profile
+from sim.experiment.paper_setting import launch_m, paper_waters, profile, random_readings
 from sim.experiment.voyage import Judgement, Orders, Replan, Voyage, sail
 from sim.field_grid import IntArray
 
@@ -39,6 +39,7 @@ def voyage_cell(arguments: Mapping[str, Any]) -> dict[str, Value]:
     configuration = profile(waters, arguments["rho0"], arguments["seed"], ablations)
     start_m, shift_m = launch_m(waters, *LAUNCHES[arguments["launch"]])
     spots_only = "spots-only" in ablations
+    pilot = (None, None) if "no-pilot" in ablations else random_readings(waters, arguments["seed"])
     samples = arguments["samples"]
     voyage = sail(
         Orders(
@@ -52,6 +53,8 @@ def voyage_cell(arguments: Mapping[str, Any]) -> dict[str, Value]:
             seed=arguments["seed"],
             judgements=JUDGEMENTS,
             keep_models=arguments["detail"],
+            known_m=pilot[0],
+            known=pilot[1],
             spots_only=spots_only,
         )
     )

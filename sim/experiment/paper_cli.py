@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         choices=ABLATIONS,
-        help="readings at the spots only; rho counts replacements only; no mean is taken off",
+        help="readings at the spots only; rho counts replacements only; no mean is taken off; nothing known before",
     )
     parser.add_argument(
         "--out", type=Path, default=Path("paper-output"), metavar="FOLDER", help="(%(default)s)"

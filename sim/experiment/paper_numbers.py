@@ -24,6 +24,9 @@ MANUAL = (-2.0, 2.0, 1.0, 1.0)
 LEARNED = (-4.6, 6.8, 3.4, 3.2)
 """Logarithms of noise variance, signal variance and length-scales east and north, these in map cells."""
 
-Ablation = Literal["spots-only", "replaced", "uncentred"]
+RANDOM_SAMPLES = 50
+"""The paper's "50 prior random samples": known before the launch."""
+
+Ablation = Literal["spots-only", "replaced", "uncentred", "no-pilot"]
 ABLATIONS: tuple[Ablation, ...] = get_args(Ablation)
-"""Readings at the spots only; rho counts replacements only; zero is the prior's mean."""
+"""Readings at the spots only; rho counts replacements only; zero is the prior's mean; nothing is known before."""

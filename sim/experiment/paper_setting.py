@@ -18,7 +18,9 @@ from sim.experiment.paper_numbers import (
     MANUAL,
     MAP_COLUMNS,
     MAP_ROWS,
+    NOISE_SHARE,
     PASSAGE_CELLS,
+    RANDOM_SAMPLES,
     RHO0,
     STANDOFF_CELLS,
     Ablation,
@@ -88,12 +90,26 @@ def profile(
     }
     if "replaced" in ablations:
         settings["exploration.rho_rule"] = "replaced"
-    if "spots-only" in ablations:
+    if {"spots-only", "no-pilot"} <= set(ablations):
         # Fifty readings would be three paths before anything is known.
         settings["model.centring_samples"] = _SPOTS_ONLY_CENTRING
     if "uncentred" in ablations:
         settings["model.centring_samples"] = 0
     return load(PROFILE, {}, [f"{key}={value}" for key, value in settings.items()])
+
+
+def random_readings(waters: TruthMap, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Readings at `RANDOM_SAMPLES` random places of the map's water, as noisy as the vessel's.
+
+    Returns:
+        The places, shape (n, 2), local metres, and the values, shape (n,).
+    """
+    rng, truth = np.random.default_rng(seed), waters.truth(0.0)
+    rows, columns = np.nonzero(np.isfinite(truth))
+    chosen = rng.choice(len(rows), RANDOM_SAMPLES, replace=False)
+    rows, columns = rows[chosen], columns[chosen]
+    values = truth[rows, columns] + NOISE_SHARE * np.nanstd(truth) * rng.standard_normal(RANDOM_SAMPLES)
+    return np.column_stack([waters.x_axis_m[columns], waters.y_axis_m[rows]]), values
 
 
 def launch_m(waters: TruthMap, row: int, column: int) -> tuple[FloatArray, float]:

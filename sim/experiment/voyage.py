@@ -79,6 +79,8 @@ class Orders:
         planner: chooses the way; None: the configured one. See `following`.
         judgements: the model is judged so often, at equal parts of the voyage.
         keep_models: whether judgements and plans keep their models.
+        known_m: shape (k, 2), local metres: places whose values are known before the launch; None: of none.
+        known: their values, shape (k,).
         spots_only: whether the probe is read at the spots of the plans only, once each, instead of all along the way.
     """
 
@@ -93,6 +95,8 @@ class Orders:
     planner: Planner | None = None
     judgements: int = 80
     keep_models: bool = False
+    known_m: FloatArray | None = None
+    known: FloatArray | None = None
     spots_only: bool = False
 
     def __post_init__(self) -> None:
@@ -100,6 +104,8 @@ class Orders:
             raise ValueError("a voyage needs an end: samples, distance_m or both")
         if not self.configuration.sampling.spacing_m > 0.0:
             raise ValueError("a voyage needs sampling.spacing_m above 0")
+        if (self.known_m is None) != (self.known is None):
+            raise ValueError("what is known needs known_m, the places, and known, the values")
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,6 +341,9 @@ class _Sailing(DiscreteRun):
             orders=orders,
             probe=probe,
         )
+        if orders.known_m is not None and orders.known is not None:
+            for place, value in zip(orders.known_m, orders.known, strict=True):
+                run.core.learner.add(place, float(value), vessel.time_s)
         run.run_job = run.work
         return run
 

@@ -16,8 +16,8 @@ PICTURE = re.compile(r"^!\[", re.MULTILINE)
 
 
 def sections(text: str) -> list[str]:
-    """The parts of a page, each with its heading, cut at headings of the second and third level."""
-    return [part for part in re.split(r"^(?=###? )", text, flags=re.MULTILINE) if part.startswith("##")]
+    """The parts of a page, each with its heading, cut at headings of the second level."""
+    return [part for part in re.split(r"^(?=## )", text, flags=re.MULTILINE) if part.startswith("##")]
 
 
 def shown(section: str) -> list[int]:

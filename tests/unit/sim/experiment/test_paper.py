@@ -15,7 +15,15 @@ from autonomy.config import load
 from sim.cli import main
 from sim.experiment import paper, paper_setting, sweep
 from sim.experiment.cells import Cell, Result
-from sim.experiment.paper_numbers import ABLATIONS, LAUNCHES, LEARNED, MAP_COLUMNS, MAP_ROWS, THRESHOLDS
+from sim.experiment.paper_numbers import (
+    ABLATIONS,
+    LAUNCHES,
+    LEARNED,
+    MAP_COLUMNS,
+    MAP_ROWS,
+    NOISE_SHARE,
+    THRESHOLDS,
+)
 from sim.experiment.paper_report import falling, verdict
 from sim.experiment.paper_statistics import Course, claim_of, course_of, fluctuation, thirds
 from sim.experiment.sweep_places import Place
@@ -75,8 +83,18 @@ def test_ablations_change_what_they_say(bight):
     changed = {name: paper_setting.profile(bight, ablations=(name,)) for name in ABLATIONS}
     assert changed["replaced"].exploration.rho_rule == "replaced"
     assert changed["uncentred"].model.centring_samples == 0
-    assert changed["spots-only"].model.centring_samples == plain.planning.spots
-    assert all(each != plain for each in changed.values())
+    spots_alone = paper_setting.profile(bight, ablations=("spots-only", "no-pilot"))
+    assert spots_alone.model.centring_samples == plain.planning.spots
+
+
+def test_the_random_readings_are_the_fields_at_fifty_places_on_the_water(bight):
+    places_m, values = paper_setting.random_readings(bight, seed=3)
+    truth = bight.truth(0.0)
+    columns = np.searchsorted(bight.x_axis_m, places_m[:, 0] - 1e-6)
+    rows = np.searchsorted(bight.y_axis_m, places_m[:, 1] - 1e-6)
+    assert len({*zip(rows, columns, strict=True)}) == 50
+    noise = values - truth[rows, columns]
+    assert 0.7 < noise.std() / (NOISE_SHARE * np.nanstd(truth)) < 1.3
 
 
 def test_fluctuation_is_what_is_left_about_a_falling_curve():

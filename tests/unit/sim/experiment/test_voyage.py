@@ -1,5 +1,7 @@
 """Voyages: what is recorded is what was sailed, read and believed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -122,6 +124,22 @@ def test_a_probe_may_be_read_at_the_spots_alone(orders):
     away_m = np.linalg.norm(sailed.samples.points_m[:, None] - spots, axis=-1).min(axis=1)
     assert len(sailed.samples) >= 4
     assert away_m.max() <= 30.0
+
+
+def test_what_is_known_before_the_launch_is_learnt_with_the_samples(orders, waters, voyage):
+    """Far off the way only what was known tells of the field."""
+    rng, truth = np.random.default_rng(5), waters.truth(0.0)
+    rows, columns = np.nonzero(np.isfinite(truth))
+    chosen = rng.choice(len(rows), 12, replace=False)
+    places_m = np.column_stack([waters.x_axis_m[columns[chosen]], waters.y_axis_m[rows[chosen]]])
+    known = truth[rows[chosen], columns[chosen]]
+    found = sail(replace(orders, samples=40, known_m=places_m, known=known))
+    assert len(found.samples) in (28, 29)
+    assert found.curve[0].samples < voyage.curve[0].samples + 1
+    error = np.abs(found.model.predict(places_m).mean - known)
+    assert np.median(error) < 0.3 * voyage.field_std
+    with pytest.raises(ValueError, match="known_m, the places"):
+        replace(orders, known=known)
 
 
 def test_orders_without_an_end_or_a_spacing_are_refused(orders):
