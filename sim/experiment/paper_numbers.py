@@ -9,7 +9,7 @@ LAUNCHES = ((79, 236), (207, 68))
 THRESHOLDS = tuple(round(0.1 * k, 1) for k in range(1, 11))
 RHO0 = 0.6
 SAMPLES = 2500
-"""Ours: so many end a voyage. The paper's sixth path ends after 1926; six take a little longer here."""
+"""Ours: so many end a voyage. The paper's sixth path ends after 1926; as many take longer here."""
 
 NOISE_SHARE = 0.05
 """Ours: standard deviation of a reading, as a share of the field's."""
