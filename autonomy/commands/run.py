@@ -52,13 +52,13 @@ def run(arguments: argparse.Namespace) -> int:
     # The hung line is what one wants to know when the watchdog strikes with SIGABRT.
     faulthandler.enable()
     # zenoh and the learner take a while to import: a wrong configuration is told before.
-    from autonomy.shell.allocator import keep_large_blocks_apart
+    from autonomy.shell.allocator import keep_compact
     from autonomy.shell.daemon import Daemon
     from autonomy.shell.journal import open_journal
     from autonomy.shell.resumption import open_continuity
     from autonomy.shell.signed_link import open_signed_link
 
-    keep_large_blocks_apart()
+    keep_compact()
     log = logging.getLogger("autonomy")
     for doubt in doubts(loaded, survey):
         log.warning("%s", doubt)

@@ -30,6 +30,7 @@ from autonomy.events import (
 from autonomy.mavlink.codec import Codec
 from autonomy.mavlink.safeguards import Safeguards
 from autonomy.planning.survey import SurveyArea
+from autonomy.shell.allocator import GIVE_BACK_S, give_back
 from autonomy.shell.certificate import doubt
 from autonomy.shell.command_desk import CommandDesk
 from autonomy.shell.journal import Journal
@@ -151,6 +152,7 @@ class Daemon:
             self._desk.start(lambda command: loop.call_soon_threadsafe(self._commanded, command))
             self._feed_watchdog()
             self._keep_regularly(first=True)
+            self._give_back_regularly()
             self._tend_signing()
             log.info("looking for the vehicle at %s", self._configuration.mavlink.endpoint)
             await self._until_the_end(ended)
@@ -274,6 +276,10 @@ class Daemon:
         if not first:
             self._continuity.keep(self._journal)
         asyncio.get_running_loop().call_later(self._continuity.period_s, self._keep_regularly)
+
+    def _give_back_regularly(self) -> None:
+        give_back()
+        asyncio.get_running_loop().call_later(GIVE_BACK_S, self._give_back_regularly)
 
     def _journal_trouble(self) -> str:
         """What is wrong with the recording and the checkpoints; the log is told when the former changes."""

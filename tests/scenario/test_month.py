@@ -3,7 +3,7 @@
 HALOCLINE_MONTH_S: simulated seconds; without it fifty minutes, in which each fault strikes once. From a day on, memory
 and time for a reading are held against those after the first hours, too.
 
-Memory is that of the service: jobs are done in a process of their own and large blocks are kept apart, as there, and of
+Memory is that of the service: jobs are done in a process of their own and free memory is given back, as there, and of
 what was published only the newest is kept. Time is the thread's own CPU time, held against a `Twin`'s at the same
 moments: other work on the machine slows both.
 """
@@ -36,7 +36,7 @@ from autonomy.planning.passage import passage_of
 from autonomy.planning.restrictions import Region, Restrictions, restricted
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell import checkpoint
-from autonomy.shell.allocator import keep_large_blocks_apart
+from autonomy.shell.allocator import GIVE_BACK_S, give_back, keep_compact
 from autonomy.shell.checkpoint import Checkpoint
 from autonomy.shell.journal import Journal, make_header
 from sim.autopilot import Autopilot, Mode, Options
@@ -168,6 +168,7 @@ class Month(Voyage):
     configuration: Configuration
     readings = 0
     heard = 0
+    kept_s = 0.0
     loss = 0.0
     broken_jobs = False
     taken: float | None = None
@@ -219,8 +220,13 @@ class Month(Voyage):
         """For so many simulated seconds, in steps after which what was said is counted and forgotten."""
         left = model_s
         while left > 0.0:
-            self.advance(min(left, 60.0) / self.speedup)
-            left -= 60.0
+            step_s = min(left, 60.0)
+            self.advance(step_s / self.speedup)
+            left -= step_s
+            self.kept_s += step_s
+            if self.kept_s >= GIVE_BACK_S:  # as the service does
+                self.kept_s = 0.0
+                give_back()
             told = sum(
                 len(batch) if isinstance(batch, tuple) else 1 for batch in self.published[Topic.OBSERVATIONS]
             )
@@ -482,7 +488,7 @@ def month(survey: SurveyArea, worker: ProcessPoolExecutor, tmp_path: Path) -> It
     journal = Journal.open(
         tmp_path, JOURNAL, make_header(configuration, survey, now=1000.0, utc_s=1.7e9), utc_s=lambda: 1.7e9
     )
-    keep_large_blocks_apart()
+    keep_compact()
     fill_caches(survey)
     rng = np.random.default_rng(int(os.environ.get("HALOCLINE_SEED", "1")))
     run = Month(

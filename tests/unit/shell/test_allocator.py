@@ -7,8 +7,8 @@ import pytest
 
 SCRIPT = """
 import sys
-from autonomy.shell.allocator import keep_large_blocks_apart
-if not (keep_large_blocks_apart() if sys.argv[1] == "apart" else True):
+from autonomy.shell.allocator import keep_compact
+if not (keep_compact() if sys.argv[1] == "apart" else True):
     sys.exit("no mallopt")
 def heap_kb():
     rows = open("/proc/self/smaps").read().split("[heap]")[1]
