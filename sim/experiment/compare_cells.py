@@ -10,13 +10,14 @@ import numpy as np
 from autonomy.geometry import FloatArray
 from autonomy.learning.field_model import FieldModel
 from autonomy.learning.prediction import Prediction
-from sim.experiment import voyage
 from sim.experiment.cells import Value
 from sim.experiment.compare_maps import BatchMap, Read
 from sim.experiment.compare_scores import Score, score
 from sim.experiment.compare_seas import Sea, SeaChoice, open_sea
 from sim.experiment.compare_voyages import sailed
 from sim.experiment.compare_ways import ON_BOARD
+from sim.experiment.logbook import Voyage
+from sim.experiment.probe import READINGS_PER_SAMPLE
 
 SETTLED = 0.5
 """Of a voyage over a sea that moves: what is believed after this counts."""
@@ -80,7 +81,7 @@ def sail(arguments: Mapping[str, Any]) -> dict[str, Value]:
         "plans": len(done.plans),
         "reestimates": len(done.reestimates),
         "launch_m": launch_m,
-        "track_m": done.track_m[:: voyage.READINGS_PER_SAMPLE],
+        "track_m": done.track_m[::READINGS_PER_SAMPLE],
         "truth": _on_map(sea, sea.truth(moments[-1].time_s)),
         "mean": _on_map(sea, belief.prediction.mean),
         "cpu_s": cpu_s,
@@ -109,7 +110,7 @@ def _summary(prefix: str, scores: Sequence[Score]) -> dict[str, Value]:
     }
 
 
-def _moments(sea: Sea, done: voyage.Voyage) -> list[Moment]:
+def _moments(sea: Sea, done: Voyage) -> list[Moment]:
     """All judgements, and of a still sea the very end, at home."""
     moments = [
         Moment(each.samples, each.distance_m, each.time_s, each.model)
@@ -122,7 +123,7 @@ def _moments(sea: Sea, done: voyage.Voyage) -> list[Moment]:
     return moments
 
 
-def _counts(sea: Sea, moment: Moment, done: voyage.Voyage) -> bool:
+def _counts(sea: Sea, moment: Moment, done: Voyage) -> bool:
     """Whether the belief of a moment is part of the voyage's result."""
     if sea.choice.moves:
         return moment.distance_m > SETTLED * sea.budget_m
@@ -134,7 +135,7 @@ def _on_board(sea: Sea, moment: Moment) -> Belief:
     return Belief(moment.model.predict(sea.points_m), noise, moment.time_s)
 
 
-def _ashore(sea: Sea, done: voyage.Voyage, moment: Moment, seed: int) -> Belief:
+def _ashore(sea: Sea, done: Voyage, moment: Moment, seed: int) -> Belief:
     """What the batch process makes of the samples up to a moment."""
     samples, count = done.samples, moment.samples
     read = Read(samples.points_m[:count], samples.values[:count], samples.time_s[:count], np.ones(count))

@@ -11,12 +11,15 @@ from autonomy.geometry import FloatArray
 from autonomy.planning.plan import NO_SPOTS, Plan
 from autonomy.planning.planners import PlanRequest
 from autonomy.planning.survey import SurveyArea
-from sim.experiment import strategies, voyage
+from sim.experiment import strategies
 from sim.experiment.compare_maps import Read
 from sim.experiment.compare_seas import SPEED_MPS, Sea
 from sim.experiment.compare_ways import LANES, ON_BOARD, PAPER
+from sim.experiment.logbook import Voyage
+from sim.experiment.orders import Orders, Planner, on_rails
 from sim.experiment.paper_numbers import MAP_COLUMNS, MAP_ROWS
 from sim.experiment.paper_setting import profile
+from sim.experiment.voyage import sail
 from sim.experiment.waters import cell_middles
 from sim.truth_map import TruthMap
 
@@ -29,10 +32,10 @@ COVER_SIDES = 4.0
 _DONE_M = 1.0
 
 
-def sailed(sea: Sea, strategy: str, launch_m: FloatArray, seed: int) -> tuple[voyage.Voyage, float]:
+def sailed(sea: Sea, strategy: str, launch_m: FloatArray, seed: int) -> tuple[Voyage, float]:
     """The voyage, and CPU seconds of its planning and, if the core sails, its learning."""
-    sail = _by_the_core if strategy in ON_BOARD else _by_waypoints
-    return sail(sea, strategy, launch_m, seed)
+    by = _by_the_core if strategy in ON_BOARD else _by_waypoints
+    return by(sea, strategy, launch_m, seed)
 
 
 def configuration(sea: Sea, strategy: str, seed: int) -> Configuration:
@@ -67,11 +70,11 @@ def _paper(sea: Sea) -> Configuration:
 
 
 def _orders(
-    sea: Sea, told: Configuration, launch_m: FloatArray, seed: int, planner: voyage.Planner | None = None
-) -> voyage.Orders:
+    sea: Sea, told: Configuration, launch_m: FloatArray, seed: int, planner: Planner | None = None
+) -> Orders:
     # Waypoints over a sea that stands still may be sailed at any pace, and a coarse one is computed sooner.
     hurries = planner is not None and not sea.choice.moves
-    return voyage.Orders(
+    return Orders(
         waters=sea.waters,
         configuration=told,
         launch_m=launch_m,
@@ -85,15 +88,15 @@ def _orders(
     )
 
 
-def _by_the_core(sea: Sea, strategy: str, launch_m: FloatArray, seed: int) -> tuple[voyage.Voyage, float]:
-    sailed = voyage.sail(_orders(sea, configuration(sea, strategy, seed), launch_m, seed))
+def _by_the_core(sea: Sea, strategy: str, launch_m: FloatArray, seed: int) -> tuple[Voyage, float]:
+    sailed = sail(_orders(sea, configuration(sea, strategy, seed), launch_m, seed))
     return sailed, sailed.cost.core_s + sailed.cost.jobs_s
 
 
-def _by_waypoints(sea: Sea, strategy: str, launch_m: FloatArray, seed: int) -> tuple[voyage.Voyage, float]:
+def _by_waypoints(sea: Sea, strategy: str, launch_m: FloatArray, seed: int) -> tuple[Voyage, float]:
     pilot = _Pilot(_strategy(sea, strategy, seed), sea, launch_m, seed)
-    told = voyage.on_rails(configuration(sea, strategy, seed))
-    return voyage.sail(_orders(sea, told, launch_m, seed, pilot)), pilot.spent_s
+    told = on_rails(configuration(sea, strategy, seed))
+    return sail(_orders(sea, told, launch_m, seed, pilot)), pilot.spent_s
 
 
 def _strategy(sea: Sea, name: str, seed: int) -> strategies.Strategy:

@@ -7,9 +7,11 @@ import numpy as np
 
 from autonomy.geometry import FloatArray
 from sim.experiment.cells import Value
+from sim.experiment.logbook import Judgement, Replan, Voyage
+from sim.experiment.orders import Orders
 from sim.experiment.paper_numbers import LAUNCHES, NOISE_SHARE
 from sim.experiment.paper_setting import launch_m, paper_waters, profile, random_readings
-from sim.experiment.voyage import Judgement, Orders, Replan, Voyage, sail
+from sim.experiment.voyage import sail
 from sim.field_grid import IntArray
 
 JUDGEMENTS = 100

@@ -1,15 +1,12 @@
 """A voyage over a known field: the daemon's own core on the discrete driver, and a record of all that came of it.
 
-What is sailed is what the core decides, or waypoints that are given; vessel, wire, sampling and learner are the same
-either way. The simulated vessel is a nimble one, and no time of its own passes while the core's jobs are computed
+What is sailed is what the core decides, or what another planner chooses; vessel, wire, sampling and learner are the
+same either way. The simulated vessel is a nimble one, and no time of its own passes while the core's jobs are computed
 but `_JOB_SAMPLES`: on a real boat a sample takes minutes, and a plan seconds.
 """
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from time import thread_time
-from typing import Literal
 
 import numpy as np
 
@@ -19,12 +16,8 @@ from autonomy.core import Core
 from autonomy.effects import Effect, Topic
 from autonomy.events import Event, JobFinished, StopRequested
 from autonomy.exploration import Exploration, Figures
-from autonomy.geometry import FloatArray, LocalFrame
-from autonomy.learning.field_model import FieldModel
-from autonomy.learning.kernel import Kernel
+from autonomy.geometry import LocalFrame
 from autonomy.learning.learner import Learner
-from autonomy.planning.plan import NO_SPOTS, Plan
-from autonomy.planning.planners import PlanRequest
 from autonomy.planning.restrictions import restricted
 from autonomy.planning.survey import SurveyArea
 from autonomy.quality import Flag, refused_by
@@ -32,16 +25,14 @@ from autonomy.situation import State
 from autonomy.wire import ObservationNotice
 from sim.autopilot import Autopilot, Options
 from sim.discrete import DiscreteRun
-from sim.sensor import Sensor
-from sim.truth_map import TruthMap
+from sim.experiment.logbook import Cost, Judgement, Occasion, Reestimation, Replan, Samples, Voyage
+from sim.experiment.orders import Orders
+from sim.experiment.probe import Probe, make_probe
 from sim.vessel import Handling, Position, Vessel
-
-READINGS_PER_SAMPLE = 5
-"""The probe reads so often between two samples: after a turn a sample comes at most this share of the spacing late."""
 
 _HANDLING = Handling(acceleration_mps2=1e3, turn_rate_deg_s=360.0)
 _SAMPLE_S = (
-    10.0  # of the vessel's time, where no speed is given: steps of at most a second follow the route well
+    10.0  # of the vessel's time, where no speed is given: in steps of a second it follows the route well
 )
 _TOP_SPEED_MPS = 30.0  # positions that come by faster than 50 m/s count as glitches
 _PROTOCOL_S = 0.5  # a sample, in protocol time: the telemetry's 1 Hz is every other sample
@@ -53,155 +44,9 @@ _ROUNDED_UP = (
 _PATIENCE_SAMPLES = 300
 _OLD_NEWS_S = 1e6
 
-Planner = Callable[[PlanRequest, SurveyArea], Plan | None]
-"""What chooses the way instead of the configured planner; None ends the voyage."""
-
-Occasion = Literal["under way", "before re-estimate", "after re-estimate"]
-
 
 class VoyageError(RuntimeError):
     """The voyage can't go on; the text says why, for a person."""
-
-
-@dataclass(frozen=True, eq=False)
-class Orders:
-    """What is to be sailed.
-
-    Attributes:
-        waters: the truth, the survey, and the map on which beliefs are judged.
-        configuration: the core's, with a `sampling.spacing_m`; whose survey section is not looked at.
-        launch_m: shape (2,), local metres, navigable.
-        samples: the voyage ends when so many have been learnt; None: `distance_m` ends it.
-        distance_m: or when so much has been sailed; None: `samples` ends it. A budget may end it before, at home.
-        noise: standard deviation of a reading.
-        seed: of the readings' noise. The core's own is in the configuration.
-        speed_mps: of the vessel; None: a sample every ten seconds, which is right for seas that don't move.
-        planner: chooses the way; None: the configured one. See `following`.
-        judgements: the model is judged so often, at equal parts of the voyage.
-        keep_models: whether judgements and plans keep their models.
-        known_m: shape (k, 2), local metres: places whose values are known before the launch; None: of none.
-        known: their values, shape (k,).
-        spots_only: whether the probe is read at the spots of the plans only, once each, instead of all along the way.
-    """
-
-    waters: TruthMap
-    configuration: Configuration
-    launch_m: FloatArray
-    samples: int | None = None
-    distance_m: float | None = None
-    noise: float = 0.0
-    seed: int = 0
-    speed_mps: float | None = None
-    planner: Planner | None = None
-    judgements: int = 80
-    keep_models: bool = False
-    known_m: FloatArray | None = None
-    known: FloatArray | None = None
-    spots_only: bool = False
-
-    def __post_init__(self) -> None:
-        if self.samples is None and self.distance_m is None:
-            raise ValueError("a voyage needs an end: samples, distance_m or both")
-        if not self.configuration.sampling.spacing_m > 0.0:
-            raise ValueError("a voyage needs sampling.spacing_m above 0")
-        if (self.known_m is None) != (self.known is None):
-            raise ValueError("what is known needs known_m, the places, and known, the values")
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """What taught the model, in order: `time_s` (n,) of the vessel, `points_m` (n, 2), `values` (n,)."""
-
-    time_s: FloatArray
-    points_m: FloatArray
-    values: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.values)
-
-
-@dataclass(frozen=True, eq=False)
-class Judgement:
-    """The belief held against the truth over the water, after so many samples and metres.
-
-    `rho` is the paper's; `model` is kept if the orders say so.
-    """
-
-    occasion: Occasion
-    samples: int
-    distance_m: float
-    time_s: float
-    rmse: float
-    rho: float
-    basis_size: int
-    model: FieldModel | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Replan:
-    """A plan as the planner made it; `rho` is that of the decision, `model` what was planned with."""
-
-    samples: int
-    distance_m: float
-    time_s: float
-    rho: float
-    plan: Plan
-    model: FieldModel | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Reestimation:
-    """A re-estimate: the kernel that the model was rebuilt under, from how many points; `kept`: the fit found none."""
-
-    samples: int
-    kernel: Kernel
-    points: int
-    kept: bool
-
-
-@dataclass(frozen=True)
-class Cost:
-    """CPU seconds: of the core (the learner's updates among them), of its jobs, and of all but the judging."""
-
-    core_s: float
-    jobs_s: float
-    total_s: float
-
-
-@dataclass(frozen=True, eq=False)
-class Voyage:
-    """All that came of a voyage.
-
-    Attributes:
-        samples: what taught the model.
-        track_m: shape (k, 2), where the probe was read, samples or not.
-        distance_m: sailed from the launch on.
-        plans: in the order in which they were made.
-        reestimates: the same.
-        judgements: the same; `curve` are those at equal parts of the voyage.
-        model: what is believed at the end.
-        field_std: standard deviation of the truth over the water at the end.
-        refused: how many readings at the samples' spacing were too bad to teach.
-        log: lines of the core's log.
-        cost: what it took; the one thing here that another run does not give again.
-    """
-
-    samples: Samples
-    track_m: FloatArray
-    distance_m: float
-    plans: tuple[Replan, ...]
-    reestimates: tuple[Reestimation, ...]
-    judgements: tuple[Judgement, ...]
-    model: FieldModel
-    field_std: float
-    refused: int
-    log: tuple[str, ...]
-    cost: Cost
-
-    @property
-    def curve(self) -> tuple[Judgement, ...]:
-        """The judgements at equal parts of the voyage."""
-        return tuple(each for each in self.judgements if each.occasion == "under way")
 
 
 def sail(orders: Orders) -> Voyage:
@@ -225,39 +70,6 @@ def sail(orders: Orders) -> Voyage:
     return run.record(thread_time() - begun_s)
 
 
-def following(route_m: FloatArray) -> Planner:
-    """A planner of one plan: these waypoints (n, 2), local metres, once; the voyage ends with them.
-
-    No leg may leave the survey's navigable water. The configuration must not let the core plan anew under way: see
-    `on_rails`.
-    """
-    routes = [np.asarray(route_m, dtype=float).reshape(-1, 2)]
-
-    def plan(request: PlanRequest, survey: SurveyArea) -> Plan | None:
-        if not routes:
-            return None
-        route = routes.pop()
-        return Plan(
-            request.start_m, route, np.ones(len(route), dtype=bool), NO_SPOTS, "given", request.reason
-        )
-
-    return plan
-
-
-def on_rails(configuration: Configuration) -> Configuration:
-    """The configuration with which the core re-estimates nothing and plans anew only where a path has ended."""
-    exploration = configuration.exploration.model_copy(
-        update={
-            "rho0": 1.0,
-            "rho_rule": "added",
-            "maximum_interval_s": None,
-            "outgrown_ratio": None,
-            "reestimate_on_path_end": False,
-        }
-    )
-    return configuration.model_copy(update={"exploration": exploration})
-
-
 class _MeasuredCore(Core):
     """The core, and what it has cost."""
 
@@ -271,48 +83,11 @@ class _MeasuredCore(Core):
 
 
 @dataclass
-class _Probe(Sensor):
-    """A sensor that remembers where it was read."""
-
-    positions: list[Position] = field(default_factory=list)
-
-    def read(self, position: Position, time_s: float) -> float:
-        self.positions.append(position)
-        return super().read(position, time_s)
-
-    def told(self, spots: list[Position]) -> None:
-        """Another plan has these spots."""
-
-
-@dataclass
-class _SpotProbe(_Probe):
-    """A probe that is read once at each spot of the newest plan, within `reach_m` of it."""
-
-    vessel: Vessel = field(kw_only=True)
-    reach_m: float = field(kw_only=True)
-    spots: list[Position] = field(default_factory=list)
-
-    @property
-    def next_time_s(self) -> float:
-        return -math.inf if self._near(self.vessel.position) else math.inf
-
-    def read(self, position: Position, time_s: float) -> float:
-        self.spots = [spot for spot in self.spots if spot not in self._near(position)]
-        return super().read(position, time_s)
-
-    def told(self, spots: list[Position]) -> None:
-        self.spots = spots
-
-    def _near(self, position: Position) -> list[Position]:
-        return [spot for spot in self.spots if position.distance_to(spot) <= self.reach_m]
-
-
-@dataclass
 class _Sailing(DiscreteRun):
     """A discrete run that keeps a logbook."""
 
     orders: Orders = field(kw_only=True)
-    probe: _Probe = field(kw_only=True)
+    probe: Probe = field(kw_only=True)
     plans: list[Replan] = field(default_factory=list)
     reestimates: list[Reestimation] = field(default_factory=list)
     judgements: list[Judgement] = field(default_factory=list)
@@ -331,7 +106,7 @@ class _Sailing(DiscreteRun):
         lat_deg, lon_deg = survey.frame.to_geodetic(orders.launch_m).tolist()
         # The vessel is not stopped by land: routes are checked against it, and a boat this fast swings wide.
         vessel = Vessel(Position(lat_deg, lon_deg), handling=_HANDLING)
-        probe = _probe(orders, vessel, speed_mps, sample_s)
+        probe = make_probe(orders, vessel, speed_mps, sample_s)
         run = cls(
             _MeasuredCore(_fitted(orders.configuration), survey),
             Autopilot(vessel, probe, Options(speed_mps=speed_mps)),
@@ -451,15 +226,6 @@ class _Sailing(DiscreteRun):
             log=tuple(text for _, text in self.log),
             cost=Cost(self.core.spent_s, self.jobs_s, spent_s - self.judging_s),
         )
-
-
-def _probe(orders: Orders, vessel: Vessel, speed_mps: float, sample_s: float) -> _Probe:
-    truth, rng = orders.waters.field, np.random.default_rng(orders.seed)
-    name, interval_s = orders.configuration.sensor.message_name, sample_s / READINGS_PER_SAMPLE
-    if not orders.spots_only:
-        return _Probe(truth, rng, name, interval_s, orders.noise)
-    # In a step of a second the vessel gets that far.
-    return _SpotProbe(truth, rng, name, interval_s, orders.noise, vessel=vessel, reach_m=speed_mps)
 
 
 def _fitted(configuration: Configuration) -> Configuration:

@@ -8,7 +8,10 @@ import shapely
 from experiment_seas import small_sea
 
 from autonomy.config import Configuration
-from sim.experiment.voyage import READINGS_PER_SAMPLE, Orders, following, on_rails, sail
+from autonomy.planning.plan import NO_SPOTS, Plan
+from sim.experiment.orders import Orders, on_rails
+from sim.experiment.probe import READINGS_PER_SAMPLE
+from sim.experiment.voyage import sail
 from sim.experiment.waters import nearest_water, waters_of
 
 SPACING_M = 250.0
@@ -93,6 +96,21 @@ def test_another_run_gives_the_same(voyage, orders):
     assert again.samples.values.tolist() == voyage.samples.values.tolist()
     assert [each.rmse for each in again.judgements] == [each.rmse for each in voyage.judgements]
     assert again.log == voyage.log
+
+
+def following(route_m):
+    """A planner of one plan: these waypoints, once; the voyage ends with them."""
+    routes = [route_m]
+
+    def plan(request, survey):
+        if not routes:
+            return None
+        route = routes.pop()
+        return Plan(
+            request.start_m, route, np.ones(len(route), dtype=bool), NO_SPOTS, "given", request.reason
+        )
+
+    return plan
 
 
 def test_given_waypoints_are_sailed_once_and_the_voyage_ends_with_them(orders):
