@@ -405,6 +405,8 @@ class Core:
         plan = self._directives.step(now)
         if plan is not None:
             self._bring_on_board(now, plan)
+        for words in self._directives.take_words():
+            self._send(self._helm.warn(f"halocline: {words}"))
         if self._directives.take_replan():
             self._replan(Trigger.ASHORE)
 

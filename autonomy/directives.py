@@ -31,7 +31,7 @@ from autonomy.seaway import Seaway
 from autonomy.situation import Situation, Wish
 
 START_S = 60.0
-"""A boat that has not started so long after `start` does not start any more: nobody expects it by then."""
+"""A boat that has not started so long after `start`, or gone on after `resume`, does not: nobody expects it by then."""
 
 AGAIN_S = 30.0
 """Pause before a leg that did not come on board is sent again."""
@@ -62,6 +62,8 @@ class Directives:
         self._away = self._holds = False
         self._not_before = 0.0
         self._start_until: float | None = None
+        self._go_on_until: float | None = None
+        self._words: list[str] = []
         self._replan = False
         self.milestones = 0
         """How many commands were answered for good: worth remembering at once."""
@@ -116,12 +118,19 @@ class Directives:
         wanted, self._replan = self._replan, False
         return wanted
 
+    def take_words(self) -> list[str]:
+        """What the operator at the boat must hear, since the last call."""
+        words, self._words = self._words, []
+        return words
+
     def step(self, now: float) -> Plan | None:
         """See that what was asked for is done; returns a plan to bring on board."""
-        helm, wish = self._helm, self._situation.wish
+        helm = self._helm
         if helm.authority.in_command and helm.position_m is not None:
             self._homeward.begins_at(helm.position_m)
         self._watch_start(now)
+        self._watch_going_on(now)
+        wish = self._situation.wish
         if wish is None:
             return None
         if not helm.authority.survey_started:
@@ -148,9 +157,25 @@ class Directives:
         self._start_until = None
         authority.allow_start(False)
         if not authority.survey_started:
-            self._reporter.log(
-                Level.WARNING, f"the boat has not started in {START_S:.0f} s: it waits for another start"
-            )
+            self._warn(f"not started in {START_S:.0f} s", "it waits for another start")
+
+    def _watch_going_on(self, now: float) -> None:
+        """A boat that holds, and was told to go on, does so soon or not at all."""
+        authority, vehicle = self._helm.authority, self._helm.state
+        if self._go_on_until is None or vehicle is None:
+            return
+        if authority.command is not Command.HELD:
+            self._go_on_until = None
+        elif now >= self._go_on_until:
+            self._go_on_until = None
+            authority.hold_again(vehicle)
+            self._wish(Wish.PAUSE)
+            self._holds = True
+            self._warn(f"not gone on in {START_S:.0f} s", "it holds again")
+
+    def _warn(self, problem: str, consequence: str) -> None:
+        self._reporter.log(Level.WARNING, f"the boat has {problem}: {consequence}")
+        self._words.append(problem)
 
     def _was_taken(self) -> bool:
         """Whether somebody has taken the boat since the wish was uttered, or selected AUTO while it held."""
@@ -189,16 +214,15 @@ class Directives:
         hindrance = self._hindrance()
         if hindrance is not None:
             return False, hindrance
-        if verb == "start":
-            return self._start(now)
-        verbs: dict[str, Callable[[], _Verdict]] = {
+        verbs: dict[str, Callable[[float], _Verdict]] = {
+            "start": self._start,
             "pause": self._pause,
             "resume": self._resume,
             "replan": self._plan_anew,
             "finish": self._finish,
             "return": self._return,
         }
-        return verbs[verb]()
+        return verbs[verb](now)
 
     def _hindrance(self) -> str | None:
         """Why nothing at all can be asked of the boat now."""
@@ -250,7 +274,7 @@ class Directives:
             return "no mission of ours is verified on board yet"
         return "the autopilot is not sure of its position yet"
 
-    def _pause(self) -> _Verdict:
+    def _pause(self, _now: float) -> _Verdict:
         authority, vehicle = self._helm.authority, self._helm.state
         is_full = self._authority_section.mode == "full"
         if is_full and not authority.survey_started:
@@ -273,24 +297,26 @@ class Directives:
         self._wish(Wish.PAUSE)
         return True, "nothing is planned any more; the boat sails its leg to the end, and stays there"
 
-    def _resume(self) -> _Verdict:
+    def _resume(self, now: float) -> _Verdict:
         hindrance = self._not_under_way()
         if hindrance is not None:
             return False, hindrance
         if self._situation.wish is None:
             return True, "the survey goes on already"
         ended = self._situation.wish.value
-        self._let_go()
+        self._let_go(now)
         self._wish(None)
         self._replan = True
         return True, f"the survey goes on, from where the boat is (it was {ended})"
 
-    def _let_go(self) -> None:
+    def _let_go(self, now: float) -> None:
         """A boat that holds is set in motion again."""
-        if self._helm.state is not None:
-            self._helm.authority.release(self._helm.state)
+        authority, vehicle = self._helm.authority, self._helm.state
+        if vehicle is not None and authority.command is Command.HELD:
+            authority.release(vehicle)
+            self._go_on_until = now + START_S
 
-    def _plan_anew(self) -> _Verdict:
+    def _plan_anew(self, _now: float) -> _Verdict:
         authority = self._helm.authority
         if authority.waits_on_board:
             authority.ask_for_another()
@@ -303,17 +329,17 @@ class Directives:
         self._replan = True
         return True, "a new plan is made"
 
-    def _finish(self) -> _Verdict:
+    def _finish(self, now: float) -> _Verdict:
         if self._homeward.is_finished or self._homeward.is_returning:
             return True, f"it ends already: {self._homeward.reason or 'the boat is on its way home'}"
         hindrance = self._not_under_way() or self._homeless()
         if hindrance is not None:
             return False, hindrance
-        self._let_go()
+        self._let_go(now)
         self._wish(Wish.FINISH)
         return True, "the present path is sailed to its end, and then the way home"
 
-    def _return(self) -> _Verdict:
+    def _return(self, now: float) -> _Verdict:
         authority = self._helm.authority
         if self._homeward.is_finished:
             return True, "the boat is home"
@@ -322,7 +348,7 @@ class Directives:
         hindrance = self._not_under_way() or self._homeless()
         if hindrance is not None:
             return False, hindrance
-        self._let_go()
+        self._let_go(now)
         self._wish(Wish.RETURN)
         self._homeward.send(Wish.RETURN.value)
         return True, "the boat goes home at once, over water"

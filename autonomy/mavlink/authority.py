@@ -103,6 +103,7 @@ class Hold(Enum):
     NONE = "nobody has asked for it"
     WANTED = "it shall"
     RELEASED = "it was told to, and shall go on"
+    STUCK = "it shall, for it did not go on in time when it was to"
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ _MISSION = "{on_board}"
 _HOME = "on its way home ({mode})"
 _SENDING = "{cause}: the boat is told to return"
 _STOPPING = "paused from ashore: the boat is told to hold"
-_HELD = "paused from ashore: the boat holds"
+_HELD = "paused from ashore: the boat holds{stuck}"
 _RELEASED = "AUTO is being selected ({mode})"
 
 _TABLE: Mapping[tuple[Command, Event], Rule] = {
@@ -388,6 +389,12 @@ class Authority:
             self._hold = Hold.RELEASED
             self.observe(state)
 
+    def hold_again(self, state: VehicleState) -> None:
+        """It was to go on and has not, and nobody expects it to any more."""
+        if self.command is Command.HELD:
+            self._hold = Hold.STUCK
+            self.observe(state)
+
     def settle(self, begun: Command) -> None:
         """What was remembered may have been under another configuration; a new authority had `begun` with this."""
         if Command.OBSERVED in (begun, self.command):
@@ -479,7 +486,7 @@ class Authority:
             return Event.HOMEWARD
         holds = state.mode == HOLD and state.armed
         if holds and self._hold is not Hold.NONE:
-            return Event.HOLDING if self._hold is Hold.WANTED else Event.RELEASED
+            return Event.RELEASED if self._hold is Hold.RELEASED else Event.HOLDING
         ready = self._may_start(state) and (holds or not state.armed)
         return Event.READY if ready else Event.ELSEWHERE
 
@@ -535,6 +542,7 @@ class Authority:
             mode=mode_name(state.mode),
             disarmed="" if state.armed else ", disarmed",
             or_start=", or for `start` from ashore" if self.waits_for_start else "",
+            stuck=", for it could not be set in motion" if self._hold is Hold.STUCK else "",
             on_board=self._refusal(),
             cause=self.return_cause or f"the battery is at {battery or 0.0:.0%}",
         )

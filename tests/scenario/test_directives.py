@@ -149,6 +149,52 @@ def test_in_full_the_operator_may_take_a_boat_that_holds(fully: Any) -> None:
     assert fully.autopilot.navigator.mode is Mode.HOLD
 
 
+def refuse_auto(voyage: Any) -> Any:
+    """From now on the autopilot does not enter AUTO; what it returns ends that."""
+    navigator = voyage.autopilot.navigator
+    sound = navigator.set_mode
+    navigator.set_mode = lambda mode: mode is not Mode.AUTO and sound(mode)
+
+    def relent() -> None:
+        navigator.set_mode = sound
+
+    return relent
+
+
+@pytest.mark.parametrize("verb", ["resume", "return", "finish"])
+def test_in_full_a_boat_that_can_not_be_set_in_motion_holds_again(fully: Any, verb: str) -> None:
+    told(fully, "pause", settle_s=10.0)
+    relent = refuse_auto(fully)
+    answer = told(fully, verb)
+    assert (answer.outcome, answer.state) == (Outcome.DONE, "paused")
+    assert "AUTO is being selected" in answer.reason
+    fully.until("the boat has not gone on in 60 s: it holds again", patience_s=70.0)
+    assert any("not gone on" in str(each.text) for each in fully.said("STATUSTEXT"))
+    given_up = fully.now
+    relent()
+    fully.advance(600.0)
+    assert fully.traffic(since=given_up) == [], "nobody expects it to start by now"
+    assert fully.autopilot.navigator.mode is Mode.HOLD
+    assert fully.health.state == "paused"
+    assert fully.health.reason == "paused from ashore: the boat holds, for it could not be set in motion"
+    assert told(fully, "resume").outcome is Outcome.DONE
+    fully.until("exploring: in AUTO under our mission", patience_s=20.0)
+    told(fully, "pause", settle_s=10.0)
+    assert fully.health.reason == "paused from ashore: the boat holds"
+
+
+def test_in_full_what_was_to_go_on_before_a_restart_does_not_go_on_long_after_it(fully: Any) -> None:
+    told(fully, "pause", settle_s=10.0)
+    relent = refuse_auto(fully)
+    told(fully, "resume", settle_s=5.0)
+    memory = fully.core.checkpoint()
+    relent()
+    restart(fully, memory, away_s=600.0)
+    fully.advance(60.0)
+    assert fully.autopilot.navigator.mode is Mode.HOLD
+    assert fully.health.state == "paused"
+
+
 def test_in_full_auto_selected_by_the_operator_ends_the_pause(fully: Any) -> None:
     told(fully, "pause", settle_s=10.0)
     fully.select(Mode.AUTO)
