@@ -21,7 +21,7 @@ from sim.discrete import DiscreteRun
 from sim.sensor import Sensor
 from sim.vessel import Handling, Position, Vessel
 
-from .decoders import AREA, FRAME, SURVEY
+from .decoders.survey import AREA, FRAME, SURVEY
 
 SURVEYS = range(int(os.environ.get("HALOCLINE_LIES", "2")))
 SETTINGS: dict[str, Any] = {
