@@ -25,10 +25,11 @@ from autonomy.learning.kernel import Component, Kernel
 from autonomy.learning.learner import Learner
 from autonomy.learning.spatial import SquaredExponential
 from autonomy.learning.temporal import MaternMotion, OrnsteinUhlenbeck, TemporalKernel
+from autonomy.planning.lanes import CORNERS
 from autonomy.planning.planners import patrol
 from autonomy.planning.request import PlanRequest
 from autonomy.planning.survey import SurveyArea
-from autonomy.planning.sweeps import CORNERS, lawnmowers
+from autonomy.planning.sweeps import lawnmowers
 
 LONG = os.environ.get("HALOCLINE_ACCURACY") == "long"
 SEEDS = int(os.environ.get("HALOCLINE_SEEDS", "8" if LONG else "1"))
