@@ -181,7 +181,7 @@ def _filled(
     """The archive, and the survey's water in local metres (None if unknown)."""
     from autonomy import replay
     from autonomy.export import grid, sources
-    from autonomy.export.archive import Archive
+    from autonomy.export.intake import Intake
     from autonomy.export.values import ExportError, Window
 
     area = None
@@ -191,15 +191,15 @@ def _filled(
         vehicle = replay.read_configuration(replay.run_header(source.folder, source.run)).vehicle.name
         if arguments.vehicle not in (None, vehicle):
             raise ExportError(f"{source.folder}: is the journal of {vehicle}, not of {arguments.vehicle}")
-    archive = Archive(work / "archive.sqlite", vehicle, arguments.every, regret)
-    with contextlib.closing(archive):
+    intake = Intake(work / "archive.sqlite", vehicle, arguments.every, regret)
+    with contextlib.closing(intake):
         if source.run is None:
-            sources.fill_from_recording(archive, source.folder, regret)
+            sources.fill_from_recording(intake, source.folder, regret)
         else:
-            area = sources.fill_from_journal(archive, source.folder, source.run, regret)
+            area = sources.fill_from_journal(intake, source.folder, source.run, regret)
         start_s = -math.inf if arguments.start is None else arguments.start
         end_s = math.inf if arguments.until is None else arguments.until
-        archive.finish(Window(start_s, end_s), date_by_arrival=arguments.date_by_arrival)
+        archive = intake.finish(Window(start_s, end_s), date_by_arrival=arguments.date_by_arrival)
         yield archive, grid.told_water(archive.surveys, archive.subject()) if area is None else area.water
 
 

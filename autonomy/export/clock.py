@@ -50,6 +50,10 @@ class Clock:
         dated: FloatArray = times + differences[rows]
         return dated
 
+    def moment(self, run: int, model_time_s: float | None, received_utc_s: float) -> float:
+        """When something was that says no time itself: as late as what came before it, if anything did."""
+        return received_utc_s if model_time_s is None else float(self.utc(run, model_time_s))
+
     @property
     def guesses(self) -> bool:
         """Whether there are runs that only arrivals can date."""
