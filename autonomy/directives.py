@@ -166,6 +166,8 @@ class Directives:
             return
         if authority.command is not Command.HELD:
             self._go_on_until = None
+            if not authority.survey_started:
+                authority.allow_start(False)  # begun anew, or its mission was cleared: that was not asked for
         elif now >= self._go_on_until:
             self._go_on_until = None
             authority.hold_again(vehicle)

@@ -69,7 +69,8 @@ class Event(Enum):
     UNSUPPORTED = "no ArduPilot Rover"
     FAILSAFE = "system status critical or worse"
     REBOOTED = "first heartbeat since its clock began anew, disarmed"
-    CLEARED = "not in AUTO, and no mission is on board"
+    CLEARED = "not in AUTO, and no mission is on board; and it is not as it was told to be, either"
+    EMPTIED = "in HOLD, armed, as it shall be since it was told to hold, and no mission is on board"
     HOMEWARD = "in the mode that brings it home"
     HOLDING = "in HOLD, armed, as it shall be since it was told to hold"
     RELEASED = "the same, and it shall go on"
@@ -158,8 +159,7 @@ _TABLE: Mapping[tuple[Command, Event], Rule] = {
     (_O, _E.UNSUPPORTED): Rule(_Y, _A.LISTEN, _STRANGE),
     (_O, _E.FAILSAFE): Rule(_Y, _A.LISTEN, _FAILSAFE),
     (_O, _E.REBOOTED): Rule(_B, _A.PREPARE, _WAIT),
-    # AUTO is refused without a mission: who has cleared it could not give the boat back otherwise.
-    (_O, _E.CLEARED): Rule(_B, _A.PREPARE, _WAIT),
+    (_O, _E.CLEARED): Rule(_Y, _A.LISTEN, _TAKEN),
     (_O, _E.READY): Rule(_Y, _A.LISTEN, _TAKEN),
     (_O, _E.HOMEWARD): Rule(_Y, _A.LISTEN, _TAKEN),
     (_O, _E.ELSEWHERE): Rule(_Y, _A.LISTEN, _TAKEN),
@@ -183,7 +183,8 @@ _TABLE: Mapping[tuple[Command, Event], Rule] = {
     (_D, _E.LOW): Rule(_O, _A.SAIL, _UNDER_WAY),
     (_D, _E.OURS): Rule(_O, _A.SAIL, _UNDER_WAY),
     (_D, _E.UNCERTAIN): Rule(_D, _A.READ, _MISSION),
-    # Yielded: silence, until AUTO is back.
+    # Yielded: silence, until AUTO is back. But AUTO is refused without a mission: who has cleared it could not give
+    # the boat back.
     (_Y, _E.UNSUPPORTED): Rule(_Y, _A.LISTEN, _STRANGE),
     (_Y, _E.FAILSAFE): Rule(_Y, _A.LISTEN, _FAILSAFE),
     (_Y, _E.REBOOTED): Rule(_B, _A.PREPARE, _WAIT),
@@ -198,7 +199,12 @@ _TABLE: Mapping[tuple[Command, Event], Rule] = {
     (_Y, _E.OURS): Rule(_O, _A.SAIL, _UNDER_WAY),
     (_Y, _E.UNCERTAIN): Rule(_O, _A.SAIL, _UNSURE),
 }
-_ALIKE = {_E.HALT: _E.OURS, _E.HOLDING: _E.ELSEWHERE, _E.RELEASED: _E.ELSEWHERE}
+_ALIKE = {
+    _E.HALT: _E.OURS,
+    _E.HOLDING: _E.ELSEWHERE,
+    _E.RELEASED: _E.ELSEWHERE,
+    _E.EMPTIED: _E.CLEARED,
+}
 """Where nothing is told to hold, these are no more than those."""
 
 TABLE: Mapping[tuple[Command, Event], Rule] = {
@@ -222,16 +228,19 @@ _FULL: Mapping[tuple[Command, Event], Rule] = {
     # On its way: whoever selects another mode has the boat, and AUTO gives it back to us.
     **{(_R, event): rule for (before, event), rule in TABLE.items() if before is _Y},
     (_R, _E.HOMEWARD): Rule(_R, _A.LISTEN, _HOME),
-    (_R, _E.CLEARED): Rule(_R, _A.LISTEN, _HOME),
+    (_R, _E.CLEARED): Rule(_Y, _A.LISTEN, _TAKEN),
     # Told to hold, and still in AUTO: told again. HOLD is what it was told; any other mode is the operator's.
     (_O, _E.HALT): Rule(_T, _A.HOLD, _STOPPING),
     **{(_T, event): rule for (before, event), rule in TABLE.items() if before is _O},
     (_T, _E.LOW): Rule(_S, _A.GO_HOME, _SENDING),
     (_T, _E.HALT): Rule(_T, _A.HOLD, _STOPPING),
     (_T, _E.HOLDING): Rule(_H, _A.LISTEN, _HELD),
+    (_T, _E.EMPTIED): Rule(_B, _A.PREPARE, _WAIT),
     (_T, _E.RELEASED): Rule(_H, _A.SELECT_AUTO, _RELEASED),
-    # It holds: whoever selects another mode, or disarms it, has the boat. AUTO, by whomever, ends it.
+    # It holds: whoever selects another mode, or disarms it, has the boat. AUTO, by whomever, ends it. Who clears its
+    # mission has not taken it: another comes on board.
     **{(_H, event): rule for (before, event), rule in TABLE.items() if before is _Y},
+    (_H, _E.CLEARED): Rule(_Y, _A.LISTEN, _TAKEN),
     (_H, _E.HOLDING): Rule(_H, _A.LISTEN, _HELD),
     (_H, _E.RELEASED): Rule(_H, _A.SELECT_AUTO, _RELEASED),
 }
@@ -432,7 +441,7 @@ class Authority:
         self._ever_armed = self._ever_armed or state.armed
         event = self._event(state)
         rule = self._table[self.command, event]
-        if event in (Event.REBOOTED, Event.CLEARED) and rule.after is Command.BEFORE_START:
+        if event in (Event.REBOOTED, Event.CLEARED, Event.EMPTIED) and rule.after is Command.BEFORE_START:
             if event is Event.REBOOTED or self.command is not Command.BEFORE_START:
                 self._waiting_on_board = False
             rule = self._table[Command.BEFORE_START, self._present(state)]
@@ -480,13 +489,16 @@ class Authority:
         return self._in_auto(state) if state.mode == AUTO else self._out_of_auto(state)
 
     def _out_of_auto(self, state: VehicleState) -> Event:
-        if state.mission_state == mavlink.MISSION_STATE_NO_MISSION:
-            return Event.CLEARED
-        if state.mode == self._return_mode:
-            return Event.HOMEWARD
+        empty = state.mission_state == mavlink.MISSION_STATE_NO_MISSION
         holds = state.mode == HOLD and state.armed
         if holds and self._hold is not Hold.NONE:
-            return Event.RELEASED if self._hold is Hold.RELEASED else Event.HOLDING
+            as_told = Event.RELEASED if self._hold is Hold.RELEASED else Event.HOLDING
+            return Event.EMPTIED if empty else as_told
+        homeward = state.mode == self._return_mode
+        if empty and not (homeward and self.command in (Command.SENT_HOME, Command.RETURNING)):
+            return Event.CLEARED
+        if homeward:
+            return Event.HOMEWARD
         ready = self._may_start(state) and (holds or not state.armed)
         return Event.READY if ready else Event.ELSEWHERE
 

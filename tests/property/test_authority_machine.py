@@ -93,7 +93,14 @@ class AuthorityMachine(RuleBasedStateMachine):
             and self.state.mode != AUTO
             and self.state.mission_state == mavlink.MISSION_STATE_NO_MISSION
         )
-        if (came_up and not self.state.armed) or emptied:
+        # The mode that it was told to take is not the operator's.
+        homeward = self.told_home and self.state.mode == RTL and self.sound
+        begins_anew = came_up and not self.state.armed
+        if emptied and self.sailed and not begins_anew:
+            # Out of AUTO: who has cleared it has taken the boat.
+            as_told = homeward or (self.told_to_hold and self.holds)
+            self.ever_taken = self.ever_taken or not as_told
+        if begins_anew or emptied:
             self.sailed = self.away = self.told_to_hold = False
             self.verified = self.verified and not came_up
         elif self.ours_to_sail:
@@ -105,8 +112,6 @@ class AuthorityMachine(RuleBasedStateMachine):
         elif self.before is Action.GO_HOME and self.under_way:
             pass  # told to return and still in AUTO: told again, whatever is on board by now
         elif self.sailed:
-            # The mode that it was told to take is not the operator's.
-            homeward = self.told_home and self.state.mode == RTL and self.sound
             self.away, self.told_to_hold = True, False
             self.ever_taken = self.ever_taken or not homeward
 

@@ -1,8 +1,12 @@
 """What the configuration lets us do with the boat, and how it is given back."""
 
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from sim.autopilot import Mode
 
 from .conftest import boat
+from .test_checkpoint import restart
 
 
 def test_in_full_the_boat_is_started_and_sent_home_once(make_voyage):
@@ -36,6 +40,40 @@ def test_in_full_a_boat_that_was_taken_is_not_started_again(make_voyage):
     assert voyage.traffic(since=taken) == []
     assert voyage.autopilot.navigator.mode is Mode.HOLD
     assert not voyage.autopilot.navigator.armed
+
+
+def lose_heartbeats(voyage, duration_s):
+    """The autopilot's own; all else gets through."""
+    take, end = voyage._take, voyage.now + duration_s
+    heartbeat = bytes(3)  # the number of the message: the eighth to the tenth byte of a MAVLink 2 packet
+    voyage._take = lambda packets: take(
+        [each for each in packets if voyage.now > end or each[1][7:10] != heartbeat]
+    )
+
+
+@pytest.mark.parametrize("away_s", [0.0, 30.0])
+@pytest.mark.parametrize("mode", ["missions", "full"])
+def test_who_clears_the_mission_out_of_auto_has_taken_the_boat(make_voyage, mode, away_s):
+    """He gets another on board, or he could not select AUTO; but nothing starts before he does.
+
+    That the mission is gone may be heard before the mode: a heartbeat is lost, or the service was away.
+    """
+    voyage = make_voyage(authority={"mode": mode})
+    voyage.start()
+    voyage.advance(30.0)
+    memory = voyage.core.checkpoint()
+    lose_heartbeats(voyage, away_s + 2.5)
+    voyage.select(Mode.HOLD)
+    voyage.operate(mavlink.MAVLink_mission_clear_all_message(1, 1))
+    if away_s:
+        restart(voyage, memory, away_s)
+    voyage.until("verified on board", patience_s=60.0)
+    voyage.advance(120.0)
+    assert voyage.autopilot.navigator.mode is Mode.HOLD
+    assert voyage.core._helm.authority.was_ever_taken
+    assert voyage.health.state == "waiting_for_vehicle"
+    voyage.select(Mode.AUTO)
+    voyage.until("exploring: in AUTO under our mission", patience_s=30.0)
 
 
 def test_with_resume_never_auto_does_not_give_the_boat_back(make_voyage):
