@@ -57,7 +57,7 @@ class Directives:
         self._helm, self._seaway, self._homeward = helm, seaway, homeward
         self._course, self._situation, self._reporter = course, situation, reporter
         self._memory = CommandMemory()
-        self._answers: list[tuple[CommandReceived, Outcome, str]] = []
+        self._answers: list[tuple[float, CommandReceived, Outcome, str]] = []
         self._repeated: list[Answer] = []
         self._away = self._holds = False
         self._not_before = 0.0
@@ -74,13 +74,13 @@ class Directives:
         if known is not None:
             self._repeated.append(known)
             return []
-        objection = self._memory.objection(command)
+        objection = self._memory.objection(now, command)
         if objection is not None:
             outcome, text = objection
         else:
             done, text = (False, "the service is stopping") if stopping else self._verdict(now, command.verb)
             outcome = Outcome.DONE if done else Outcome.REFUSED
-        self._answers.append((command, outcome, text))
+        self._answers.append((now, command, outcome, text))
         level = Level.INFO if outcome is Outcome.DONE else Level.WARNING
         words = f"{command.verb} ({command.command_id.hex()[:8]}) is {outcome.value}: {text}"
         self._reporter.log(level, f"command from ashore: {words}")
@@ -89,10 +89,11 @@ class Directives:
     def answers(self) -> list[Answer]:
         """The answers to what was taken since the last call; they tell how things are now."""
         told, self._repeated = self._repeated, []
-        for command, outcome, text in self._answers:
-            answer = replace(self.report(command), outcome=outcome, text=text)
+        for now, command, outcome, text in self._answers:
+            utc_s = self._memory.clock_utc_s(now, command.received_utc_s)
+            answer = replace(self.report(command), outcome=outcome, text=text, utc_s=utc_s)
             if outcome is not Outcome.BUSY:
-                self._memory.remember(command, answer)
+                self._memory.remember(now, command, answer)
                 self.milestones += 1
             told.append(answer)
         self._answers.clear()

@@ -85,7 +85,8 @@ class Answer:
         reason: why.
         mode: the autopilot's.
         armed: whether the vehicle was.
-        utc_s: the clock on board, when the command came.
+        utc_s: the clock on board when the command came, or the one it was held against, if that is later: see
+            `autonomy.command_memory`.
     """
 
     command_id: bytes

@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Command and wait: 0 done, 1 refused, 2 usage, 3 nobody knows."""
+    """Command and wait: 0 done, 1 refused, 2 usage, 3 no answer, or none that could be verified."""
     try:
         certificates = way.certificates(arguments)
         token = _token(arguments.token)
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         _say(json.dumps(_fields(arguments.vehicle, arguments.command, result)))
     else:
-        _tell(arguments, result, sealed=token is not None)
+        _tell(arguments, result)
     return code
 
 
@@ -81,10 +81,10 @@ def _code(result: Result) -> int:
     return {Outcome.DONE: EXIT_DONE, Outcome.UNKNOWN: EXIT_UNKNOWN}.get(result.answer.outcome, EXIT_REFUSED)
 
 
-def _tell(arguments: argparse.Namespace, result: Result, *, sealed: bool) -> None:
+def _tell(arguments: argparse.Namespace, result: Result) -> None:
     name, answer = arguments.vehicle, result.answer
     if answer is None:
-        _note(f"{name}: {_without_answer(arguments, result, sealed=sealed)}")
+        _note(f"{name}: {_without_answer(arguments, result)}")
         return
     if answer.verb != STATUS:
         line = f"{name}: {answer.verb}: {answer.outcome.value}: {answer.text}"
@@ -98,13 +98,17 @@ def _tell(arguments: argparse.Namespace, result: Result, *, sealed: bool) -> Non
         _note(f"{name}: it is not on the boat's disk: after a restart there nobody will know of it")
 
 
-def _without_answer(arguments: argparse.Namespace, result: Result, *, sealed: bool) -> str:
+def _without_answer(arguments: argparse.Namespace, result: Result) -> str:
     if not result.sent:
         return f"{result.error or 'stopped'}: the command was not sent"
     if result.error:
-        doubt = " (said without a seal: it may be anybody who says so)" if sealed else ""
-        return f"refused: {result.error}{doubt}"
+        return f"refused: {result.error}"
     text = f"no answer in {arguments.timeout:g} s, asked {result.sent} times"
+    if result.unverified:
+        text = (
+            f"no answer in {arguments.timeout:g} s that could be verified, asked {result.sent} times; "
+            f"the last, by whoever: {result.unverified}"
+        )
     if arguments.command == STATUS:
         return text
     return (
@@ -126,7 +130,7 @@ def _fields(vehicle: str, verb: str, result: Result) -> dict[str, object]:
         "command": verb,
         "id": result.command_id.hex(),
         "outcome": "unknown",
-        "text": result.error,
+        "text": result.error or result.unverified,
         "sent": result.sent,
         "recorded": result.recorded,
     }

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import zenoh
 
 from autonomy import wire_commands as wire
+from autonomy.command_memory import STOPPING
 from autonomy.effects import Answer, Outcome
 from autonomy.events import CommandReceived
 from autonomy.shell.journal import Journal
@@ -31,32 +32,41 @@ SYNC_S = 5.0
 WAITING = 32
 """Commands that may wait for the core or the disk; further ones are told to come again."""
 _BURST, _PER_S = 10.0, 1.0
-"""Commands that reach the core: so many at once, and per second. The same bounds answers to who may not command."""
+"""Commands that reach the core: so many at once, and per second."""
 _OFF = "commands are off on this vehicle: shore.commands says who may give them (token_file or trust_router)"
 
 
-class Bucket:
-    """So many at once, and so many per second on average. For one thread."""
+class _Lane:
+    """One kind of queries: so many at once and so many per second on average, and so many that wait for an answer."""
 
-    def __init__(self, burst: float, per_s: float) -> None:
-        self._burst, self._per_s = burst, per_s
-        self._left, self._at = burst, 0.0
+    def __init__(self) -> None:
+        self._left, self._at = _BURST, 0.0
+        self.waiting = 0
 
     def take(self, now: float) -> bool:
-        """Whether one more may be, at a time that only goes forward; it counts if so."""
-        self._left = min(self._burst, self._left + (now - self._at) * self._per_s)
+        """Whether one more may be, at a time that only goes forward; it waits from now on if so."""
+        self._left = min(_BURST, self._left + (now - self._at) * _PER_S)
         self._at = now
-        if self._left < 1.0:
+        if self._left < 1.0 or self.waiting >= WAITING:
             return False
         self._left -= 1.0
+        self.waiting += 1
         return True
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A query, and the lane in which it waits."""
+
+    query: zenoh.Query
+    lane: _Lane
 
 
 @dataclass(frozen=True)
 class _Reply:
     """An answer, or an error in words; `position`: of the journal, which must be on the disk first."""
 
-    query: zenoh.Query
+    asked: _Asked
     what: Answer | str
     position: Position | None = None
 
@@ -94,9 +104,9 @@ class CommandDesk:
         self._began = clock()
         self._handed: Callable[[CommandReceived], object] | None = None
         self._lock = threading.Lock()
-        self._open: defaultdict[bytes, list[zenoh.Query]] = defaultdict(list)
-        self._waiting = 0
-        self._commands, self._strangers = Bucket(_BURST, _PER_S), Bucket(_BURST, _PER_S)
+        self._open: defaultdict[bytes, list[_Asked]] = defaultdict(list)
+        # What stops the boat has a lane of its own: who asks for too much else shall keep nobody from it.
+        self._commands, self._stops, self._turned_away = _Lane(), _Lane(), _Lane()
         self._refused: Counter[str] = Counter()
         self._told = 0
         self._last = ""
@@ -136,13 +146,13 @@ class CommandDesk:
         command = CommandReceived(
             request.command_id, request.verb, request.issued_utc_s, request.valid_s, self._utc_s()
         )
+        lane = self._stops if command.verb in STOPPING else self._commands
         with self._lock:
             hand_over = self._handed
-            crowded = self._waiting >= WAITING or not self._commands.take(self._clock()) or hand_over is None
-            if not crowded:
-                self._waiting += 1
-                self._open[command.command_id].append(query)
-        if crowded or hand_over is None:
+            admitted = hand_over is not None and lane.take(self._clock())
+            if admitted:
+                self._open[command.command_id].append(_Asked(query, lane))
+        if hand_over is None or not admitted:
             why = "the service is starting or stopping" if hand_over is None else "too many commands at once"
             self._say(query, self._bare(command, Outcome.BUSY, f"{why}: it is asked again"))
         elif self._is_older_than_this_run(command):
@@ -154,13 +164,13 @@ class CommandDesk:
     def answered(self, answer: Answer) -> None:
         """The core has answered, and what it was told is recorded up to where the journal is now."""
         with self._lock:
-            queries = self._open.pop(answer.command_id, [])
+            waiting = self._open.pop(answer.command_id, [])
             if answer.outcome is Outcome.REFUSED:
                 self._count("refused", f"{answer.verb}: {answer.text}")
         recorded = self._journal is not None and answer.verb != wire.STATUS
         position = self._journal.position if self._journal is not None and recorded else None
-        for query in queries:
-            self._replies.put(_Reply(query, answer, position))
+        for asked in waiting:
+            self._replies.put(_Reply(asked, answer, position))
 
     def _opened(self, query: zenoh.Query) -> wire.Request:
         if not self._accepted:
@@ -187,10 +197,9 @@ class CommandDesk:
     def _say(self, query: zenoh.Query, what: Answer | str) -> None:
         """Answer what the core has not heard of; too often it is not answered at all."""
         with self._lock:
-            told = self._strangers.take(self._clock())
-            self._waiting += told
+            told = self._turned_away.take(self._clock())
         if told:
-            self._replies.put(_Reply(query, what))
+            self._replies.put(_Reply(_Asked(query, self._turned_away), what))
             return
         with query:  # which closes it
             return
@@ -200,8 +209,14 @@ class CommandDesk:
         self._last = why
 
     def _is_older_than_this_run(self, command: CommandReceived) -> bool:
+        """Whether a run before this one may have carried it out, of which nothing is known.
+
+        Not if it looks twice as old as it is valid. Nobody asks for longer than that: then clocks differ by more, it
+        was too late from the beginning, and the core will say so.
+        """
         age_s = command.received_utc_s - command.issued_utc_s
-        return self._fresh and command.verb != wire.STATUS and age_s > self._clock() - self._began
+        up_s = self._clock() - self._began
+        return self._fresh and command.verb != wire.STATUS and up_s < age_s <= 2.0 * command.valid_s
 
     def _bare(self, command: CommandReceived, outcome: Outcome, text: str) -> Answer:
         """An answer that the core has no part in."""
@@ -213,7 +228,7 @@ class CommandDesk:
     def _work(self) -> None:
         while (reply := self._replies.get()) is not None:
             try:
-                with reply.query:
+                with reply.asked.query:
                     self._give(reply)
             except zenoh.ZError as error:
                 # Whoever asked may be gone; he asks again, and gets the same answer.
@@ -221,16 +236,18 @@ class CommandDesk:
             except WireError as error:
                 log.error("a command was carried out, and its answer can't be written: %s", error)
             with self._lock:
-                self._waiting -= 1
+                reply.asked.lane.waiting -= 1
 
     def _give(self, reply: _Reply) -> None:
         if isinstance(reply.what, str):
-            reply.query.reply_err(reply.what)
+            reply.asked.query.reply_err(reply.what)
             return
         payload = wire.encode_answer(
             reply.what, recorded=self._is_recorded(reply.position), token=self._token
         )
-        reply.query.reply(wire.command_key(self._vehicle), payload, encoding=encoding(wire.command_schema()))
+        reply.asked.query.reply(
+            wire.command_key(self._vehicle), payload, encoding=encoding(wire.command_schema())
+        )
 
     def _is_recorded(self, position: Position | None) -> bool:
         """Whether the disk has it, which is waited for."""

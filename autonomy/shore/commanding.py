@@ -6,6 +6,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -25,6 +26,8 @@ _DIAL_S = 0.5
 _LOOK_S = 0.2
 CLOCKS_APART_S = 2.0
 """A command that came too late or too early is issued once more, by the vehicle's clock, if clocks differ by this."""
+_REPLIES, _NOTES = 200, 10
+"""Replies that wait to be looked at, and different things said while waiting: anybody can send us any number."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +37,10 @@ class Result:
     Attributes:
         answer: the vehicle's own; None: it has given none.
         recorded: whether command and answer are on its disk.
-        error: what was said instead of an answer, by whoever; empty if nothing was.
+        error: why it is refused, or could not be asked for; empty if neither is known.
         sent: how often the command was sent.
         command_id: the last one's.
+        unverified: what was said last that can't be verified as the vehicle's; empty if nothing was.
     """
 
     answer: Answer | None
@@ -44,6 +48,7 @@ class Result:
     error: str
     sent: int
     command_id: bytes
+    unverified: str = ""
 
 
 class Commander:
@@ -68,10 +73,11 @@ class Commander:
         self._settings = dict(settings)
         self._vehicle, self._token = vehicle, token
         self._stopping, self._note = stopping, note
-        self._replies: queue.SimpleQueue[tuple[bytes, bool, bytes]] = queue.SimpleQueue()
+        self._replies: queue.Queue[tuple[bytes, bool, bytes]] = queue.Queue(_REPLIES)
         self._offset_s = 0.0
         self._sent = 0
         self._noted: set[str] = set()
+        self._unverified = ""
 
     def ask(self, verb: str, timeout_s: float) -> Result:
         """Have it done, and say what became of it; returns after `timeout_s` at the latest, or a little later.
@@ -85,8 +91,7 @@ class Commander:
             return Result(None, False, "no router answers", 0, b"")
         with session:
             result = self._ask(session, verb, deadline)
-            answer = result.answer
-            if answer is not None and answer.outcome is Outcome.EXPIRED and self._clocks_differ(answer):
+            while self._clocks_differ(result.answer) and time.monotonic() < deadline:
                 # Nothing was done, and with this id nothing ever will be.
                 result = self._ask(session, verb, deadline)
         return result
@@ -109,7 +114,7 @@ class Commander:
                 continue
             if isinstance(found, Result):
                 return found
-        return Result(None, False, "", self._sent, command_id)
+        return Result(None, False, "", self._sent, command_id, self._unverified)
 
     def _send(self, session: zenoh.Session, command_id: bytes, payload: bytes, left_s: float) -> None:
         self._sent += 1
@@ -131,7 +136,8 @@ class Commander:
     def _on_reply(self, command_id: bytes, reply: zenoh.Reply) -> None:
         sample = reply.ok if reply.ok is not None else reply.err
         if sample is not None and len(sample.payload) <= wire.MAXIMUM_BYTES:
-            self._replies.put((command_id, reply.ok is not None, bytes(sample.payload)))
+            with suppress(queue.Full):
+                self._replies.put_nowait((command_id, reply.ok is not None, bytes(sample.payload)))
 
     def _understood(self, asked: bytes, is_answer: bool, payload: bytes, command_id: bytes) -> Result | None:
         """What a reply settles; None if nothing."""
@@ -139,11 +145,14 @@ class Commander:
             return None
         if not is_answer:
             text = payload.decode("utf-8", "replace")[:400]
-            return Result(None, False, text, self._sent, command_id)
+            if self._token is None:
+                return Result(None, False, text, self._sent, command_id)
+            self._distrust(text)
+            return None
         try:
             answer, recorded = wire.decode_answer(payload, self._token)
         except WireError as error:
-            self._say_once(f"an answer that is none of the vehicle's: {error}")
+            self._distrust(str(error))
             return None
         if answer.command_id != command_id:
             return None
@@ -152,15 +161,22 @@ class Commander:
             return None
         return Result(answer, recorded, "", self._sent, command_id)
 
+    def _distrust(self, text: str) -> None:
+        """Anybody can say this: the vehicle's own answer may still come, so we go on asking."""
+        self._unverified = text
+        self._say_once(f"not verified as {self._vehicle}'s: {text}; asking on")
+
     def _say_once(self, text: str) -> None:
-        if text not in self._noted:
+        if text not in self._noted and len(self._noted) < _NOTES:
             self._noted.add(text)
             self._note(text)
 
-    def _clocks_differ(self, answer: Answer) -> bool:
-        """Whether the vehicle's clock is so far from ours that this is why it came too late; from now on it counts."""
-        self._offset_s = answer.utc_s - time.time()
-        if abs(self._offset_s) < CLOCKS_APART_S:
+    def _clocks_differ(self, answer: Answer | None) -> bool:
+        """Whether it came too late or too early since the vehicle's clock is not what we took it for; it counts now."""
+        if answer is None or answer.outcome is not Outcome.EXPIRED:
+            return False
+        taken_for_s, self._offset_s = self._offset_s, answer.utc_s - time.time()
+        if abs(self._offset_s - taken_for_s) < CLOCKS_APART_S:
             return False
         word = "ahead of" if self._offset_s > 0.0 else "behind"
         self._say_once(

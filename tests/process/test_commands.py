@@ -6,6 +6,7 @@ HALOCLINE_COMMANDS: so many rounds of troubles, without it one.
 import itertools
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -173,13 +174,14 @@ def test_what_strangers_ask_for_does_nothing_and_is_told(tmp_path: Path) -> None
         refused = ctl("status", shore_at)
         assert (refused.returncode, refused.stdout) == (1, "")
         assert "not sealed with the vehicle's token" in refused.stderr
-        refused = ctl("return", shore_at, "--token", str(wrong))
-        assert refused.returncode == 1
-        assert "it is sealed with another token than the vehicle's" in refused.stderr
+        doubtful = ctl("return", shore_at, "--token", str(wrong), within_s=2.0)
+        assert doubtful.returncode == 3, "that may be said by anybody"
+        assert "it is sealed with another token than the vehicle's; asking on" in doubtful.stderr
+        assert "no answer in 2 s that could be verified, asked" in doubtful.stderr
         service.wait_for("commands from ashore: 1 unauthorised")
         with Subscriber(VEHICLE, connect=[shore_at]) as shore:
             wait_until(
-                lambda: "2 unauthorised" in getattr(shore.latest(VEHICLE).health, "security", ""),
+                lambda: re.search(r"[2-9] unauth", getattr(shore.latest(VEHICLE).health, "security", "")),
                 what="health",
             )
         sound = ctl("pause", shore_at, "--token", str(token), "--json")
@@ -217,7 +219,7 @@ def test_a_boat_whose_clock_is_wrong_is_commanded_by_its_clock(offset_s: float, 
 
     def core(command: CommandReceived) -> None:
         asked.append(command)
-        outcome, text = memory.objection(command) or (Outcome.DONE, "so it is")
+        outcome, text = memory.objection(0.0, command) or (Outcome.DONE, "so it is")
         about = (command.command_id, command.verb, outcome, text)
         desk.answered(Answer(*about, "", "", "", armed=False, utc_s=command.received_utc_s))
 
@@ -231,6 +233,37 @@ def test_a_boat_whose_clock_is_wrong_is_commanded_by_its_clock(offset_s: float, 
     assert result.answer.outcome is Outcome.DONE
     assert any(says in note for note in notes)
     assert len({command.command_id for command in asked}) == 2
+
+
+def test_what_strangers_say_in_the_boats_name_is_not_believed_and_not_waited_for() -> None:
+    """Somebody on the same network who answers at once that commands are off, sealed with nothing or another token."""
+    at, token = f"tcp/127.0.0.1:{free_port()}", wire.Token(SECRET.encode())
+    other = wire.Token(b"another, of 16 bytes")
+
+    def lie(query: zenoh.Query) -> None:
+        request = wire.decode_request(bytes(query.payload or b""), VEHICLE, None)
+        answer = Answer(request.command_id, "pause", Outcome.REFUSED, "no", "", "", "", False, 0.0)
+        with query:
+            query.reply(wire.command_key(VEHICLE), wire.encode_answer(answer, recorded=True, token=other))
+            query.reply_err("commands are off")
+
+    def core(command: CommandReceived) -> None:
+        desk.answered(Answer(command.command_id, "pause", Outcome.DONE, "", "", "", "", False, time.time()))
+
+    desk = CommandDesk(VEHICLE, accepted=True, token=token, fresh=False)
+    desk.start(core)
+    notes: list[str] = []
+    settings = session_settings("client", connect=[at])
+    with session("router", listen=[at]) as router, router.declare_queryable(wire.command_key(VEHICLE), lie):
+        commander = Commander(settings, VEHICLE, token, threading.Event(), notes.append)
+        alone = commander.ask("pause", 1.5)
+        with router.declare_queryable(f"usv/{VEHICLE}/*", desk.take):
+            beside = Commander(settings, VEHICLE, token, threading.Event(), notes.append).ask("pause", 30.0)
+    desk.close()
+    assert (alone.answer, alone.error, alone.unverified) == (None, "", "commands are off")
+    assert "not verified as boat1's: commands are off; asking on" in notes
+    assert beside.answer is not None
+    assert beside.answer.outcome is Outcome.DONE
 
 
 def test_nobody_answers_for_a_vehicle_that_is_not_there(tmp_path: Path) -> None:

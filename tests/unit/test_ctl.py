@@ -113,7 +113,13 @@ def result(outcome: Outcome | None, **changes: Any) -> Result:
         (result(Outcome.REFUSED), 1, "boat1: paused: why (AUTO, armed), 2023", "boat1: pause: refused: so"),
         (result(Outcome.EXPIRED), 1, "", "expired"),
         (result(Outcome.UNKNOWN), 3, "", "unknown"),
-        (result(None, error="commands are off"), 1, "", "refused: commands are off (said without a seal"),
+        (result(None, error="commands are off"), 1, "", "refused: commands are off"),
+        (
+            result(None, unverified="it is off\x1b[2J"),
+            3,
+            "",
+            "that could be verified, asked 2 times; the last",
+        ),
         (result(None), 3, "", "whether it was carried out is not known"),
         (result(None, sent=0, error="no router answers"), 3, "", "the command was not sent"),
     ],
@@ -122,7 +128,7 @@ def test_what_became_of_it_is_told(
     capsys: pytest.CaptureFixture[str], found: Result, code: int, out: str, err: str
 ) -> None:
     assert ctl._code(found) == code
-    ctl._tell(parsed("pause", *HERE), found, sealed=True)
+    ctl._tell(parsed("pause", *HERE), found)
     told = capsys.readouterr()
     assert out in told.out
     assert err in told.err
@@ -133,3 +139,5 @@ def test_for_programs_it_is_told_as_json() -> None:
     fields = json.loads(json.dumps(ctl._fields("boat1", "pause", result(Outcome.REFUSED))))
     assert (fields["outcome"], fields["state"], fields["id"]) == ("refused", "paused", ID.hex())
     assert ctl._fields("boat1", "pause", result(None))["outcome"] == "unknown"
+    unverified = ctl._fields("boat1", "pause", result(None, unverified="it is off"))
+    assert (unverified["outcome"], unverified["text"]) == ("unknown", "it is off")

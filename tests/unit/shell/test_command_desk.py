@@ -77,7 +77,7 @@ class Disk:
 
 
 def request(number: int = 1, token: wire.Token | None = TOKEN, **changes: Any) -> bytes:
-    sound = wire.Request(number.to_bytes(16, "big"), "boat1", "pause", UTC_S, 30.0)
+    sound = wire.Request(number.to_bytes(16, "big"), "boat1", "replan", UTC_S, 30.0)
     return wire.encode_request(replace(sound, **changes), token)
 
 
@@ -112,7 +112,7 @@ def done(command: CommandReceived, outcome: Outcome = Outcome.DONE) -> Answer:
 def test_what_is_authorised_reaches_the_core_and_is_answered(make_desk: Any) -> None:
     desk = make_desk()
     query = asked(desk, request())
-    assert desk.handed == [CommandReceived((1).to_bytes(16, "big"), "pause", UTC_S, 30.0, UTC_S)]
+    assert desk.handed == [CommandReceived((1).to_bytes(16, "big"), "replan", UTC_S, 30.0, UTC_S)]
     assert not query.closed.is_set()
     desk.answered(done(desk.handed[0]))
     answer, recorded = query.wait().answer
@@ -206,6 +206,22 @@ def test_of_too_many_the_core_hears_few_and_the_rest_are_to_come_again(make_desk
     assert len(desk.handed) == 13
 
 
+@pytest.mark.parametrize("verb", ["pause", "finish", "return"])
+def test_who_asks_for_too_much_keeps_nobody_from_stopping_the_boat(make_desk: Any, verb: str) -> None:
+    """A script that asks for the status over and over, and one whose commands the core does not answer."""
+    clock = Clock()
+    desk = make_desk(clock=clock)
+    for k in range(500):
+        asked(desk, request(k, verb="status"))
+    asked(desk, request(1000, verb=verb))
+    assert desk.handed[-1].verb == verb
+    for k in range(2 * WAITING):
+        clock.s += 1.0
+        asked(desk, request(2000 + k))
+    asked(desk, request(3000, verb=verb))
+    assert desk.handed[-1].verb == verb
+
+
 def test_a_core_that_does_not_answer_is_asked_no_more_than_it_can_hold(make_desk: Any) -> None:
     clock = Clock()
     desk = make_desk(clock=clock)
@@ -233,14 +249,23 @@ def test_what_an_earlier_run_may_have_done_is_not_done_again_by_one_that_knows_n
     assert query.wait().answer[0].outcome is Outcome.UNKNOWN
     asked(desk, request(2, issued_utc_s=UTC_S - 9.0))
     asked(desk, request(3, verb="status", issued_utc_s=UTC_S - 11.0))
-    assert [command.verb for command in desk.handed] == ["pause", "status"]
+    assert [command.verb for command in desk.handed] == ["replan", "status"]
+
+
+def test_a_new_run_whose_clock_is_far_ahead_lets_the_core_say_so(make_desk: Any) -> None:
+    """Not that nobody knows: the operator would be kept out for as long as the clock is wrong."""
+    desk = make_desk(fresh=True)
+    asked(desk, request(issued_utc_s=UTC_S - 5 * 3600.0))
+    assert [command.verb for command in desk.handed] == ["replan"]
+    unknown = asked(desk, request(2, issued_utc_s=UTC_S - 59.0)).wait()
+    assert unknown.answer[0].outcome is Outcome.UNKNOWN
 
 
 def test_what_the_core_refuses_shows_in_health(make_desk: Any) -> None:
     desk = make_desk()
     asked(desk, request())
     desk.answered(done(desk.handed[0], Outcome.REFUSED))
-    assert desk.report == "commands from ashore: 1 refused; the last: pause: so it is"
+    assert desk.report == "commands from ashore: 1 refused; the last: replan: so it is"
 
 
 def test_before_it_is_open_and_after_commands_are_to_come_again(make_desk: Any) -> None:
