@@ -23,7 +23,9 @@ from autonomy.effects import Answer, Level, Outcome
 from autonomy.events import CommandReceived
 from autonomy.helm import Helm
 from autonomy.homeward import Homeward
-from autonomy.mavlink.authority import AUTO, Action, Command, OnBoard, mode_name
+from autonomy.mavlink.authority import OnBoard
+from autonomy.mavlink.authority_table import Action, Command
+from autonomy.mavlink.rover import AUTO, mode_name
 from autonomy.planning.passage import Unreachable
 from autonomy.planning.plan import Plan
 from autonomy.reporting import Reporter

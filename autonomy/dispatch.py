@@ -10,7 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.authority import AUTO, Authority, OnBoard, Permission
+from autonomy.mavlink.authority import Authority, OnBoard, Permission
 from autonomy.mavlink.mission import (
     Failed,
     MissionDownload,
@@ -20,6 +20,7 @@ from autonomy.mavlink.mission import (
     missions_equal,
 )
 from autonomy.mavlink.mission_download import Download
+from autonomy.mavlink.rover import AUTO
 from autonomy.mavlink.telemetry import VehicleState
 from autonomy.notes import Note
 from autonomy.planning.plan import Plan

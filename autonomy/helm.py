@@ -10,9 +10,10 @@ from autonomy.compiler import compile_mission, handling_of
 from autonomy.config import Configuration
 from autonomy.dispatch import Dispatched, MissionDispatch
 from autonomy.geometry import FloatArray, LocalFrame
-from autonomy.mavlink.authority import RTL, SMART_RTL, Authority, OnBoard, unsupported
+from autonomy.mavlink.authority import Authority, OnBoard
 from autonomy.mavlink.companion import StreamRequests, heartbeat, status_text, wanted_streams
 from autonomy.mavlink.mission import MissionItem, Route, time_scale
+from autonomy.mavlink.rover import RTL, SMART_RTL, unsupported
 from autonomy.mavlink.safeguards import NOT_READ, Safeguards, SafeguardsReading
 from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
 from autonomy.notes import AutopilotWords, Note

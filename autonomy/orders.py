@@ -4,9 +4,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.authority import AUTO, HOLD, Action, mode_name
+from autonomy.mavlink.authority_table import Action
 from autonomy.mavlink.mission import Route
 from autonomy.mavlink.orders import Answer, Order
+from autonomy.mavlink.rover import AUTO, HOLD, mode_name
 from autonomy.notes import Note
 
 PAUSE_S = 5.0

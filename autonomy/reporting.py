@@ -12,7 +12,7 @@ from autonomy.learning.choice import Choice
 from autonomy.learning.description import describe
 from autonomy.learning.learner import Learner
 from autonomy.learning.rebuild import Reestimate
-from autonomy.mavlink.authority import mode_name
+from autonomy.mavlink.rover import mode_name
 from autonomy.mavlink.telemetry import Observation, Telemetry
 from autonomy.planning.plan import Plan
 from autonomy.planning.survey import SurveyArea

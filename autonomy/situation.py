@@ -6,7 +6,8 @@ from enum import Enum
 from autonomy.effects import Level
 from autonomy.helm import Helm
 from autonomy.homeward import Homeward
-from autonomy.mavlink.authority import Command, OnBoard
+from autonomy.mavlink.authority import OnBoard
+from autonomy.mavlink.authority_table import Command
 from autonomy.reporting import Reporter
 from autonomy.seaway import Seaway
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.authority import AUTO
 from autonomy.mavlink.codec import Codec
+from autonomy.mavlink.rover import AUTO
 from autonomy.mavlink.signing import Signing, SigningKey
 from autonomy.mavlink.telemetry import Telemetry, VehicleState
 from autonomy.shell.transport import Transport

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from shapely.geometry import Point
 
 from autonomy.config import Configuration
-from autonomy.mavlink.authority import AUTO, mode_name, unsupported
+from autonomy.mavlink.rover import AUTO, mode_name, unsupported
 from autonomy.planning.survey import SurveyArea
 from autonomy.preflight.facts import Facts, Vehicle
 from autonomy.preflight.finding import Finding, failed, passed, skipped, warned

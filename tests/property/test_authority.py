@@ -17,9 +17,10 @@ from autonomy.core import Core
 from autonomy.effects import Outcome
 from autonomy.events import CommandReceived, Event, JobFinished, MessageReceived
 from autonomy.geometry import LocalFrame
-from autonomy.mavlink import authority
-from autonomy.mavlink.authority import AUTO, TABLE, Action, Command, Rule, table_of
-from autonomy.mavlink.authority import Event as What
+from autonomy.mavlink import authority_table
+from autonomy.mavlink.authority_table import TABLE, Action, Command, Rule, table_of
+from autonomy.mavlink.authority_table import Event as What
+from autonomy.mavlink.rover import AUTO
 from autonomy.planning.plan import Plan
 from autonomy.planning.survey import SurveyArea
 from autonomy.wire_commands import VERBS
@@ -183,7 +184,7 @@ def test_who_does_not_yield_is_seen_to_be_late(monkeypatch: pytest.MonkeyPatch) 
         for cell in TABLE
         if cell[0] is Command.OURS and cell[1] in (What.ELSEWHERE, What.READY, What.HOMEWARD)
     }
-    monkeypatch.setattr(authority, "TABLE", {**TABLE, **sails_on})
+    monkeypatch.setattr(authority_table, "TABLE", {**TABLE, **sails_on})
     assert any(sail(seed).late for seed in range(20))
 
 

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.authority import AUTO, HOLD, RTL, Action, Authority, OnBoard, Permission
+from autonomy.mavlink.authority import Authority, OnBoard, Permission
+from autonomy.mavlink.authority_table import Action
+from autonomy.mavlink.rover import AUTO, HOLD, RTL
 from autonomy.mavlink.telemetry import VehicleState
 
 MANUAL = 0

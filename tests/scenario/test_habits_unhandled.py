@@ -13,9 +13,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy import helm
 from autonomy.dispatch import MissionDispatch
-from autonomy.mavlink import authority, mission_upload, safeguards
-from autonomy.mavlink.authority import Action, Authority, Command, OnBoard, Rule
-from autonomy.mavlink.authority import Event as What
+from autonomy.mavlink import authority_table, mission_upload, safeguards
+from autonomy.mavlink.authority import Authority, OnBoard
+from autonomy.mavlink.authority_table import Action, Command, Rule
+from autonomy.mavlink.authority_table import Event as What
 from autonomy.mavlink.clock import ModelClock
 from autonomy.mavlink.mission import MissionTransfer
 from autonomy.mavlink.mission_current import MakeCurrent
@@ -164,10 +165,10 @@ def nothing_is_said(patch: pytest.MonkeyPatch) -> None:
 
 def failsafes_are_not_seen(patch: pytest.MonkeyPatch) -> None:
     """Neither by the system's status nor, when the mode follows, by the mode."""
-    table = dict(authority.TABLE)
+    table = dict(authority_table.TABLE)
     for event in (What.FAILSAFE, What.ELSEWHERE, What.HOMEWARD, What.READY):
         table[Command.OURS, event] = Rule(Command.OURS, Action.SAIL, "in AUTO under our mission")
-    patch.setattr(authority, "TABLE", table)
+    patch.setattr(authority_table, "TABLE", table)
 
 
 BY_THE_BOOK = {

@@ -30,7 +30,8 @@ from autonomy.config import Configuration, JournalSection
 from autonomy.core import Core
 from autonomy.effects import Topic
 from autonomy.events import DeadlineReached, Event, MessageReceived
-from autonomy.mavlink.authority import AUTO, Command
+from autonomy.mavlink.authority_table import Command
+from autonomy.mavlink.rover import AUTO
 from autonomy.memory import Memory
 from autonomy.planning.passage import passage_of
 from autonomy.planning.restrictions import Region, Restrictions, restricted

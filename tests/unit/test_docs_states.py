@@ -9,7 +9,8 @@ from typing import get_args
 import pytest
 
 from autonomy.exploration import Trigger
-from autonomy.mavlink import authority, safeguards
+from autonomy.mavlink import authority_table, safeguards
+from autonomy.mavlink.authority import OnBoard
 from autonomy.situation import State, Wish
 
 REPOSITORY = Path(__file__).parents[2]
@@ -21,8 +22,8 @@ FEWEST_WORDS = 2
 
 def reasons() -> set[str]:
     """How the authority's tables say why, under every configuration; what is filled in is in braces."""
-    settings = itertools.product(get_args(authority.Mode), get_args(authority.Resume))
-    return {rule.reason for setting in settings for rule in authority.table_of(*setting).values()}
+    settings = itertools.product(get_args(authority_table.Mode), get_args(authority_table.Resume))
+    return {rule.reason for setting in settings for rule in authority_table.table_of(*setting).values()}
 
 
 def fixed(text: str) -> list[str]:
@@ -60,7 +61,7 @@ def test_every_reason_of_the_authority_is_explained(reason: str) -> None:
     assert [piece for piece in fixed(reason) if piece not in STATES] == []
 
 
-@pytest.mark.parametrize("kind", [authority.OnBoard, Trigger, Wish])
+@pytest.mark.parametrize("kind", [OnBoard, Trigger, Wish])
 def test_every_word_for_a_person_is_explained(kind: type) -> None:
     assert [each.value for each in kind if each.value not in STATES] == []  # type: ignore[attr-defined]
 

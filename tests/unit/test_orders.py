@@ -5,9 +5,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.authority import AUTO, HOLD, Action
+from autonomy.mavlink.authority_table import Action
 from autonomy.mavlink.codec import Codec
 from autonomy.mavlink.mission import Route
+from autonomy.mavlink.rover import AUTO, HOLD
 from autonomy.orders import PAUSE_S, Orders
 
 ROUTE = Route(own_system=1, own_component=191, vehicle_system=1, vehicle_component=1)

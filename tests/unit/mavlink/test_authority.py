@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from autonomy.mavlink.authority import Action, Authority, Command, OnBoard, mode_name
+from autonomy.mavlink.authority import Authority, OnBoard
+from autonomy.mavlink.authority_table import Action, Command
+from autonomy.mavlink.rover import mode_name
 from autonomy.mavlink.telemetry import VehicleState
 
 HOLD = VehicleState(1, 1, autopilot=3, vehicle_type=11, mode=4, armed=False, system_status=3)
