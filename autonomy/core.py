@@ -6,7 +6,6 @@ process's monotonic clock); model time comes from the vehicle's own clock inside
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 from autonomy import jobs
@@ -14,7 +13,7 @@ from autonomy.budget import Reading, Stage
 from autonomy.config import Configuration
 from autonomy.course import Course
 from autonomy.directives import Directives
-from autonomy.effects import Answer, Effect, Level, SendMessage, StartJob
+from autonomy.effects import Answer, Effect, Level, SendMessage
 from autonomy.events import (
     CommandReceived,
     Event,
@@ -25,7 +24,7 @@ from autonomy.events import (
     MessageReceived,
     StopRequested,
 )
-from autonomy.exploration import Decision, Exploration, Figures, Trigger
+from autonomy.exploration import Trigger
 from autonomy.geometry import FloatArray
 from autonomy.helm import Helm
 from autonomy.homeward import Homeward, Sailing
@@ -35,29 +34,16 @@ from autonomy.mavlink.telemetry import Observation
 from autonomy.memory import Memory, UnfitMemoryError, capture, restore
 from autonomy.planning.passage import Unreachable
 from autonomy.planning.plan import Plan
-from autonomy.planning.planners import PlanRequest
 from autonomy.planning.survey import SurveyArea
+from autonomy.replanning import Replanning
 from autonomy.reporting import Reporter, Status
 from autonomy.sampling import TOO_CLOSE, Sample, SampleGate
 from autonomy.schooling import make_learner
 from autonomy.seaway import Seaway
 from autonomy.situation import Situation
 
-JOB_RETRY_S = 5.0
-"""Pause after a job without a plan, doubled with every further one up to 32 times as long."""
-
-FAILURES_AT_SEA = 3
-"""So many jobs without a plan for a boat at the end of its path, and what a budget has left is for the way home."""
-
 STALE_PLAN_S = 60.0
 """A plan that waited this long for a service that was away is made anew from where the vessel is."""
-
-
-@dataclass(frozen=True)
-class _Job:
-    job_id: int
-    decision: Decision
-    started: float
 
 
 class Core:
@@ -72,7 +58,6 @@ class Core:
         self._gate = SampleGate(survey, configuration)
         self._learner = make_learner(configuration, survey)
         self._repairs_told = 0
-        self._exploration = Exploration(configuration.exploration)
         self._reporter = Reporter(configuration, survey, self._helm.telemetry, self._learner)
         self._course = Course(configuration, self._helm, self._seaway, self._reporter)
         self._homeward = Homeward(configuration, survey)
@@ -81,12 +66,8 @@ class Core:
         )
         rooms = (self._helm, self._seaway, self._homeward, self._course, self._situation, self._reporter)
         self._directives = Directives(configuration, *rooms)
+        self._replanning = Replanning(configuration, self._learner, *rooms)
         self._effects: list[Effect] = []
-        self._job: _Job | None = None
-        self._jobs_started = 0
-        self._failed_in_a_row = 0
-        self._plan_not_before = 0.0
-        self._owed: Decision | None = None
         self._plans = 0
         self._stopping = False
         self._now = 0.0
@@ -104,7 +85,7 @@ class Core:
             case JobFinished(job_id, result):
                 self._finish(now, job_id, result)
             case JobFailed(job_id, reason):
-                self._fail(now, job_id, reason)
+                self._replanning.failed(now, job_id, reason)
             case LinkUp():
                 self._helm.link_changed()
                 self._reporter.log(Level.INFO, "link to the vehicle is open")
@@ -193,13 +174,11 @@ class Core:
         self._ahead_s = self._now - now
         self._stopping = False
         self._effects.clear()
-        if self._job is not None:
-            self._job = None
-            self._learner.withdraw_request()
+        stale = None
         if self._helm.resume() and away_s > STALE_PLAN_S:
-            reason = "the plan that was on its way when the service ended is stale"
-            self._owed = self._owed or Decision(Trigger.RESUMED, False, reason)
+            stale = "the plan that was on its way when the service ended is stale"
             self._helm.dispatch.drop_waiting()
+        self._replanning.resume(stale)
         self._reporter.resume(away_s)
 
     # What comes in --------------------------------------------------------------------------------------------
@@ -235,62 +214,19 @@ class Core:
             self._explained.add(reason)
 
     def _finish(self, now: float, job_id: int, result: jobs.ExploreResult) -> None:
-        job = self._job
-        if job is None or job.job_id != job_id:
-            return
-        self._job = None
-        self._course.took(now - job.started, reestimated=job.decision.reestimate)
-        self._owed = replace(job.decision, reestimate=False)
-        if result.reestimate is not None:
-            self._learner.adopt(result.reestimate)
-            self._exploration.reestimated(self._helm.model_time_s, len(self._learner.history))
-            self._reporter.reestimated(result.reestimate)
-        if result.problem is not None:
-            self._postpone(now, f"no plan: {result.problem}")
-        if result.plan is None:
+        decision = self._replanning.finished(now, job_id, result)
+        if decision is None or result.plan is None:
             return
         self._look(now)
-        if not self._seaway.is_open(result.plan.route_m, ends_home=result.plan.home_corners > 0):
-            self._reporter.log(
-                Level.INFO, "the new plan is dropped: part of its water has been closed meanwhile"
-            )
-        elif not self._situation.wants_plans:
-            self._reporter.log(Level.INFO, f"the new plan is dropped: {self._situation.reason}")
-        elif self._course.keeps(result.plan, job.decision.trigger):
-            self._failed_in_a_row, self._owed = 0, None
-        else:
-            self._adopt(now, result.plan)
-
-    def _adopt(self, now: float, plan: Plan) -> None:
-        try:
-            plan = self._course.joined(plan)
-            plan = self._homeward.fitted(plan, self._helm.position_m, self._seaway.water)
-        except Unreachable as error:
-            self._postpone(now, f"the new plan can't be joined: {error}")
-            return
-        self._failed_in_a_row, self._owed = 0, None
-        self._bring_on_board(now, plan)
+        plan = self._replanning.accepted(now, result.plan, decision.trigger)
+        if plan is not None:
+            self._bring_on_board(now, plan)
 
     def _bring_on_board(self, now: float, plan: Plan) -> None:
         self._plans += 1
         self._course.offer(now, plan)
         self._reporter.planned(plan, self._plans)
         self._send(self._helm.say(f"halocline: plan {self._plans}, {plan.length_m / 1e3:.1f} km"))
-
-    def _fail(self, now: float, job_id: int, reason: str) -> None:
-        if self._job is None or self._job.job_id != job_id:
-            return
-        self._job = None
-        self._learner.withdraw_request()
-        self._postpone(now, f"the planning job failed: {reason}")
-
-    def _postpone(self, now: float, problem: str) -> None:
-        pause_s = JOB_RETRY_S * 2 ** min(self._failed_in_a_row, 5)
-        self._failed_in_a_row += 1
-        self._plan_not_before = now + pause_s
-        if self._failed_in_a_row >= FAILURES_AT_SEA and self._helm.path_finished:
-            self._homeward.give_up()
-        self._reporter.log(Level.WARNING, f"{problem}; trying again in {pause_s:.0f} s")
 
     def _stop(self, now: float) -> None:
         self._stopping = True
@@ -310,15 +246,15 @@ class Core:
             self._reporter.log(Level.WARNING if note.is_warning else Level.INFO, note.text)
         refusal = self._helm.dispatch.take_refusal()
         if refusal is not None:
-            self._postpone(now, f"the plan is given up: {refusal}")
+            self._replanning.postpone(now, f"the plan is given up: {refusal}")
         self._watch_water()
         self._watch_budget(now)
         self._look(now)
         self._watch_course(now)
         self._follow_directives(now)
-        decision = self._decide(now)
+        decision = self._replanning.decide(now)
         if decision is not None:
-            self._start(now, decision)
+            self._effects.append(self._replanning.start(now, decision))
         self._reporter.step(now, self._status)
 
     def _tell_repairs(self) -> None:
@@ -338,7 +274,7 @@ class Core:
                     self._reporter.log(Level.WARNING, warning)
             self._explained.update(safeguards.warnings)
             if self._seaway.enclose(safeguards):
-                self._replan(Trigger.FENCE)
+                self._replanning.want(Trigger.FENCE)
                 if self._seaway.problem is not None:
                     self._reporter.log(Level.ERROR, self._seaway.problem)
         stall = self._helm.take_stall()
@@ -351,7 +287,7 @@ class Core:
                 f"the water there is given up for {lasts_s / 60:.0f} min",
             )
             self._send(self._helm.say("halocline: stalled, sails elsewhere"))
-            self._replan(Trigger.STALLED)
+            self._replanning.want(Trigger.STALLED)
         self._seaway.refresh(time_s)
 
     def _watch_course(self, now: float) -> None:
@@ -359,8 +295,8 @@ class Core:
         authority, alarm = self._helm.authority, self._course.watch(now)
         if alarm is not None:
             self._send(self._helm.warn(f"halocline: {alarm.text}", critical=alarm.is_critical))
-            if self._job is None and self._owed is None:
-                self._replan(Trigger.LAND)
+            if not self._replanning.is_due:
+                self._replanning.want(Trigger.LAND)
         if authority.waits_on_board and self._helm.is_sure and self._course.begins_across_land(now):
             authority.ask_for_another()
             text = "land lies before waypoint 1 of the mission on board"
@@ -408,93 +344,12 @@ class Core:
         for words in self._directives.take_words():
             self._send(self._helm.warn(f"halocline: {words}"))
         if self._directives.take_replan():
-            self._replan(Trigger.ASHORE)
-
-    def _replan(self, trigger: Trigger) -> None:
-        """A new plan is wanted as soon as one can be made; after one that failed, when its pause is over."""
-        self._owed = Decision(trigger, False, trigger.value)
-        self._plan_not_before = self._plan_not_before if self._failed_in_a_row else 0.0
+            self._replanning.want(Trigger.ASHORE)
 
     def _look(self, now: float) -> None:
         told = self._situation.look(now)
         if told is not None:
             self._send(self._helm.say(f"halocline: {told}"))
-
-    def _decide(self, now: float) -> Decision | None:
-        """What to plan for now, if it is time to and the plan could be sailed."""
-        helm = self._helm
-        if self._job is not None or now < self._plan_not_before or not self._situation.may_upload:
-            return None
-        if not helm.is_sure or helm.dispatch.busy:
-            return None
-        if helm.unread is not None or self._seaway.problem is not None or self._situation.is_lost(now):
-            return None
-        if (self._homeward.reason or self._situation.wish is not None) and helm.authority.survey_started:
-            return None
-        if helm.dispatch.active is None or not helm.authority.survey_started:
-            return Decision(Trigger.FIRST_PLAN, False, Trigger.FIRST_PLAN.value)
-        if not helm.sailing_ours:
-            return Decision(Trigger.DAMAGED, False, Trigger.DAMAGED.value)
-        if self._homeward.has_room:
-            return Decision(Trigger.ROOM, False, Trigger.ROOM.value)
-        if self._homeward.is_returning:
-            return None
-        if self._situation.is_deaf(now):
-            # There is nothing new to plan with; fences and stalls are another matter.
-            return self._owed
-        return self._exploration.decide(self._figures()) or self._owed
-
-    def _figures(self) -> Figures:
-        learner, active = self._learner, self._helm.dispatch.active
-        return Figures(
-            model_time_s=self._helm.model_time_s,
-            basis_size=len(learner.gp) if learner.born else 0,
-            capacity=learner.capacity,
-            fresh=learner.fresh_count,
-            replaced=learner.replaced_since_mark,
-            path_finished=self._helm.path_finished,
-            cells=len(learner.history),
-            spread=learner.history.variance / learner.gp.kernel.signal_variance if learner.born else 0.0,
-            sailed_share=self._course.sailed_share,
-            planner="" if active is None else active.plan.planner,
-        )
-
-    def _start(self, now: float, decision: Decision) -> None:
-        self._jobs_started += 1
-        configuration = self._configuration
-        seed = configuration.seed + self._jobs_started
-        estimate = None
-        if decision.reestimate and self._learner.born:
-            estimate = self._learner.reestimate_request(seed, configuration.estimation)
-        elif decision.trigger is Trigger.PATH_FINISHED:
-            # In the paper every new path begins with rho = 0, re-estimate or not.
-            self._learner.mark()
-        departure = self._course.begin(reestimates=decision.reestimate)
-        budget_m, home_m = self._homeward.bounds(self._helm.position_m, departure.start_m, self._seaway.water)
-        plan = PlanRequest(
-            model=self._learner.model(self._helm.model_time_s),
-            start_m=departure.start_m,
-            spots=configuration.planning.spots,
-            lattice=configuration.planning.lattice,
-            reason=decision.reason,
-            seed=seed,
-            iterations=configuration.planning.iterations,
-            remainder_m=departure.remainder_m,
-            remainder_is_spot=departure.remainder_is_spot,
-            measured=self._learner.history.cells() if len(self._learner.history) else None,
-            roughness=self._learner.roughness.frozen(),
-            sample_spacing_m=configuration.sampling.spacing_m,
-            speed_mps=self._helm.pace_mps,
-            budget_m=budget_m,
-            home_m=home_m,
-            model_version=self._learner.samples if self._learner.born else None,
-        )
-        self._job = _Job(self._jobs_started, decision, now)
-        restrictions = self._seaway.restrictions
-        request = jobs.ExploreRequest(estimate, configuration.planning.planner, plan, restrictions)
-        self._effects.append(
-            StartJob(self._jobs_started, jobs.EXPLORE, request, configuration.planning.deadline_s)
-        )
 
     # What goes out --------------------------------------------------------------------------------------------
 
@@ -511,9 +366,9 @@ class Core:
         return Status(
             state=self._situation.state.name.lower(),
             reason=self._situation.reason + trouble,
-            rho=self._exploration.rho(self._figures()),
+            rho=self._replanning.rho,
             plans=self._plans,
-            worker_busy=self._job is not None,
+            worker_busy=self._replanning.is_busy,
             in_touch=self._situation.in_touch,
             distance_m=self._helm.distance_m,
             quality=self._gate.quality.counts,

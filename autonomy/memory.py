@@ -44,6 +44,7 @@ SETTINGS: Mapping[str, frozenset[str]] = {
     name: frozenset(attributes.split())
     for name, attributes in {
         "autonomy.core.Core": "_configuration _survey",
+        "autonomy.replanning.Replanning": "_configuration",
         "autonomy.seaway.Seaway": "_survey _margin_m",
         "autonomy.stall.StallWatch": "_stall_s _stall_m",
         "autonomy.stall.GivenUp": "_give_up_s _least_m",

@@ -236,7 +236,7 @@ def test_after_a_long_absence_the_boat_gets_a_new_path(voyage: Any, away_s: floa
 
 def test_a_job_that_was_under_way_is_asked_for_again(voyage: Any) -> None:
     voyage.job_s = 50.0
-    estimating = lambda: voyage.core._job is not None and voyage.core._job.decision.reestimate  # noqa: E731
+    estimating = lambda: voyage.core._replanning.is_busy and voyage.core._replanning._job.decision.reestimate  # noqa: E731
     assert voyage.advance(3000.0, until=estimating)
     restart(voyage, voyage.core.checkpoint())
     voyage.job_s = 2.0

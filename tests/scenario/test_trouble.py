@@ -146,7 +146,7 @@ def test_a_fence_that_flaps_does_not_shorten_the_pause_after_a_plan_that_failed(
     voyage.until("trying again in 5 s")
     asked = len(flaky.asked)
     for _ in range(30):
-        voyage.core._replan(Trigger.FENCE)
+        voyage.core._replanning.want(Trigger.FENCE)
         voyage.advance(1.0)
     assert 1 <= len(flaky.asked) - asked <= 2, "after 5 s and 10 s more"
 

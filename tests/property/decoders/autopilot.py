@@ -135,7 +135,7 @@ class Listener:
                 for each in FRAMES[:6]:
                     self.hear(each)
             case 2 if self._heard % 5 == 0:
-                self._happened(JobFailed(self._core._jobs_started, "no time"))
+                self._happened(JobFailed(self._core._replanning._jobs_started, "no time"))
         if self._heard % 120 == 0:
             self._happened(LinkDown("unplugged"))
             self._happened(LinkUp())
