@@ -17,6 +17,9 @@ from autonomy.wire_questions import Piece, wanted_piece
 log = logging.getLogger(__name__)
 
 _MOST = 200
+_KEY_LETTERS, _KEY_STARS = 200, 3
+"""Of the key of a question. With each further `$*` zenoh compares longer by a factor, within one call in which no other
+thread of ours can run: with ten of them and a vehicle's name of 32 letters for seconds."""
 _STALE_S = 60.0
 """Whoever asked so long ago does not wait any more."""
 _PREDICTION_S = 20.0
@@ -55,6 +58,10 @@ class Questions:
 
     def add(self, query: zenoh.Query) -> None:
         """Take a query; what makes no sense is refused at once."""
+        asked = str(query.key_expr)
+        if len(asked) > _KEY_LETTERS or asked.count("$*") > _KEY_STARS:
+            _refuse(query, f"a key must have at most {_KEY_LETTERS} characters and {_KEY_STARS} times $*")
+            return
         try:
             piece = wanted_piece(query.parameters.get("from"), query.parameters.get("count"))
         except wire.WireError as error:
@@ -65,8 +72,8 @@ class Questions:
             _refuse(query, f"a request must have at most {predicting.MAXIMUM_REQUEST} bytes")
             return
         in_order = (*LATEST_WINS, *NUMBERED)
-        asked = [topic for topic in in_order if query.key_expr.intersects(wire.key(self._vehicle, topic))]
-        topics = deque(topic for topic in asked if topic in LATEST_WINS or piece is not None)
+        wanted = [topic for topic in in_order if query.key_expr.intersects(wire.key(self._vehicle, topic))]
+        topics = deque(topic for topic in wanted if topic in LATEST_WINS or piece is not None)
         # A request for predictions has a payload; whoever asks for everything has none.
         predict = query.payload is not None and query.key_expr.intersects(wire.predict_key(self._vehicle))
         with self._lock:
