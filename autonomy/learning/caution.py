@@ -19,24 +19,11 @@ from autonomy.learning.numbers import FloatArray
 _PER_DOUBT = 4.0
 # So that a fit which tells next to nothing raises the variance by no more than a factor of 400.
 _MOST_DOUBT = 1.5
-# Chosen on the same surveys. The first readings are of one stretch, and their variance is hardly known itself; where
-# they are nearly one place, it is not at all.
-_AT_BIRTH = 50.0
-_MOST_AT_BIRTH = 5e3
 
 
 def cautious(kernel: Kernel, doubt: float) -> Kernel:
     """`kernel` with its signal variance × exp(4·doubt), where `doubt` is the posterior variance of its logarithm."""
     return kernel.scaled(math.exp(_PER_DOUBT * min(doubt, _MOST_DOUBT)), 1.0)
-
-
-def at_birth(kernel: Kernel, places: FloatArray) -> Kernel:
-    """`kernel`, whose signal variance is that of the readings at `places` (n, d), as a prior for the whole field.
-
-    The readings of a stretch shorter than the length-scales vary by σf²(1 − ρ), ρ the mean of their correlations.
-    """
-    alike = float(kernel.covariance(places, places).mean()) / kernel.signal_variance
-    return kernel.scaled(min(_AT_BIRTH / max(1.0 - alike, 1e-300), _MOST_AT_BIRTH), 1.0)
 
 
 def posterior_variance(precision: FloatArray, widest: float) -> float:

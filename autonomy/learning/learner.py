@@ -4,18 +4,17 @@ import math
 from collections import deque
 from dataclasses import replace
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from autonomy.config import EstimationSection
 from autonomy.learning.calibration import Calibration
 from autonomy.learning.capacity import MOST, Budget, replacement_us
-from autonomy.learning.caution import at_birth
 from autonomy.learning.field_model import FieldModel
+from autonomy.learning.first_guess import FirstGuess
 from autonomy.learning.history import History, HistoryCells
 from autonomy.learning.kernel import Hyperparameters, Kernel
 from autonomy.learning.lookahead import DISTANCES_PER_SPAN, Lookahead
-from autonomy.learning.numbers import FloatArray, positive_variance
+from autonomy.learning.numbers import FloatArray
 from autonomy.learning.positions import grid_step_m, snapped
 from autonomy.learning.rebuild import Build, Reestimate, ReestimateRequest
 from autonomy.learning.roughness import Roughness
@@ -36,9 +35,10 @@ class Learner:
     """Learns the field from a stream of readings in local metres and model time. Picklable.
 
     The first `centring_samples` readings only tell offset and scale; then the model is born and learns
-    them all. With 0 it is born at once with prior mean 0, and `hyperparameters` are required. `capacity`
-    None: chosen for `area_m2` of water (None: all of the span's square) within `budget`, anew with every
-    re-estimate. `novelty`, `jitter`: see `SparseOnlineGP`. Readings pass through `transform`; history and
+    them all. With 0 it is born at once with prior mean 0, and `hyperparameters` are required. Without these its
+    kernel is a `FirstGuess`, made anew whenever the readings have doubled, until a fit is adopted. `capacity`
+    None: chosen for `area_m2` of water (None: all of the span's square) within `budget`, anew with every kernel.
+    `novelty`, `jitter`: see `SparseOnlineGP`. Readings pass through `transform`; history and
     model are in its latent units. Places are snapped to a grid (`grid_step_m`), those of a rebuilt basis too, so
     that basis vectors travel exactly in few bytes. `calibration` holds what was predicted of each reading
     against it, `ahead` what was predicted of some from afar; both since the kernel last changed. `roughness` holds
@@ -47,8 +47,8 @@ class Learner:
     No call learns for long: birth and `adopt` leave what would take too long waiting, `behind` tells how
     much that is, and `catch_up` learns it slice by slice, in the order it came. Meanwhile everything may be
     used; the model only knows less than the history. What is learnt depends on the calls, never on a clock.
-    The one exception is a repair: a model whose state has broken is made anew from the history at once, and
-    counted in `repairs`.
+    The exceptions make a model anew from the history at once: a new guess, after ever longer, and a repair of
+    a model whose state has broken, which `repairs` counts.
     """
 
     def __init__(
@@ -89,6 +89,7 @@ class Learner:
         )
         self._centring_samples = centring_samples
         self._given = None if hyperparameters is None else hyperparameters.kernel
+        self._guess = FirstGuess(span_m) if hyperparameters is None else None
         # What one choice among structures hands on to the next.
         self._structure: str | None = None
         self._starts = self._first_starts()
@@ -165,6 +166,8 @@ class Learner:
         latent = float(self.transform.forward(value))
         self.history.add(x, latent, time_s)
         self.roughness.add(x, latent, time_s)
+        if self._guess is not None:
+            self._guess.add(x, latent)
         reading = (self.samples, x, latent, float(time_s))
         if self._gp is None:
             self._collected.append(reading)
@@ -174,7 +177,12 @@ class Learner:
         if self._since_request is not None:
             self._since_request.append(reading)
         self._waiting.append(reading)
-        return self._work_off(2)
+        outcome = self._work_off(2)
+        if self._guess is not None and self._guess.is_due:
+            self._remake(self._guess.kernel(), self._guess.mean)
+            # All of the basis is new since the last fit: there was none.
+            self._mark, self._replacements_at_mark = -1, 0
+        return outcome
 
     def catch_up(self) -> bool:
         """Learn one slice of the readings that wait; returns whether some still do."""
@@ -243,6 +251,7 @@ class Learner:
         self._starts = result.choice.starts
         if not result.fit.kept_start:
             self._structure = result.fit.structure
+            self._guess = None
             self.calibration.restart()
             self.ahead.restart()
         self.mark()
@@ -275,10 +284,9 @@ class Learner:
         return dict.fromkeys((_FIRST_STRUCTURE, f"{_FIRST_STRUCTURE}_ard"), self._given)
 
     def _give_birth(self) -> Update | None:
-        values = np.array([value for _, _, value, _ in self._collected])
-        places = np.array([place for _, place, _, _ in self._collected])
-        kernel = self._given or at_birth(self._median_kernel(positive_variance(values)), places)
-        self._gp = self._build.model(kernel, float(values.mean()))
+        kernel = self._prior.kernel if self._guess is None else self._guess.kernel()
+        mean = math.fsum(value for _, _, value, _ in self._collected) / len(self._collected)
+        self._gp = self._build.model(kernel, mean)
         self._waiting.extend(self._collected)
         self._collected = []
         return self._work_off(self._slice)
@@ -311,9 +319,13 @@ class Learner:
 
     def _repair(self) -> None:
         """Make the model anew from the history, under its present kernel: its state is worth nothing any more."""
-        gp, now_s = self.gp, self._newest_s
-        self._waiting.clear()
-        self._gp = self._build.rebuilt(self._cells(), gp.kernel, gp.prior_mean, now_s)
-        self._time_s = now_s
+        self._remake(self.gp.kernel, self.gp.prior_mean)
         self.repairs += 1
         self.mark()
+
+    def _remake(self, kernel: Kernel, prior_mean: float) -> None:
+        """Make the model anew from the history, which has those that wait, too."""
+        now_s = self._newest_s
+        self._waiting.clear()
+        self._gp = self._build.rebuilt(self._cells(), kernel, prior_mean, now_s)
+        self._time_s = now_s

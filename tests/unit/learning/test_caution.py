@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from autonomy.learning.caution import at_birth, cautious, posterior_variance
+from autonomy.learning.caution import cautious, posterior_variance
 from autonomy.learning.fitting import Method, doubt, fit
 from autonomy.learning.kernel import Component, Kernel
 from autonomy.learning.likelihood import Readings
@@ -83,15 +83,3 @@ def test_the_prior_of_the_variance_adds_no_knowledge() -> None:
 def test_a_direction_that_nothing_is_known_of_counts_as_the_widest() -> None:
     assert posterior_variance(np.diag([4.0, 1.0]), 10.0) == pytest.approx(0.25)
     assert posterior_variance(np.diag([-1.0, 1.0]), 6.0) == pytest.approx(36.0)
-
-
-def test_a_short_stretch_is_known_to_vary_little() -> None:
-    # Draws along a stretch of half a length-scale: their variance is σf²(1 − ρ) in the mean.
-    rng = np.random.default_rng(6)
-    places = np.column_stack([np.linspace(0.0, 500.0, 20), np.zeros(20)])
-    true = Kernel((Component(1.0, SquaredExponential((1000.0, 1000.0))),), 1e-6)
-    factor = np.linalg.cholesky(true.covariance(places, places) + 1e-9 * np.eye(20))
-    seen = float(np.mean([(factor @ rng.normal(size=20)).var() for _ in range(4000)]))
-    kernel = Kernel((Component(seen, SquaredExponential((1000.0, 1000.0))),), 1e-6)
-    assert seen < 0.1
-    assert at_birth(kernel, places).signal_variance == pytest.approx(50.0, rel=0.1)  # 50 × the true variance

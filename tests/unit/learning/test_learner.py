@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from autonomy.config import EstimationSection
+from autonomy.learning.first_guess import FirstGuess
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
 from autonomy.learning.positions import coarsest_step_m, grid_step_m, snapped
@@ -72,20 +73,36 @@ def test_before_birth_it_believes_a_prior_good_enough_for_a_first_plan():
 
 
 def test_at_birth_the_first_readings_tell_offset_and_scale_and_are_all_learnt():
-    _, x, y = survey(0, 40)
+    _, x, y = survey(0, 39)
     learner = taught(Learner(SPAN), x, y)
-    h = learner.gp.kernel.hyperparameters
+    guess = FirstGuess(SPAN)
+    for point, value in zip(x[:20], y[:20], strict=True):
+        guess.add(point, value)
+    kernel = learner.gp.kernel
+    assert kernel == guess.kernel()
     assert learner.gp.prior_mean == pytest.approx(y[:20].mean())
-    # The first stretch varies less than the field: see caution.
-    assert 50.0 * y[:20].var() <= h.signal_variance <= 5e3 * y[:20].var()
-    assert h.noise_variance == pytest.approx(0.01 * y[:20].var())
-    novelty = h.noise_variance / h.signal_variance
-    by_hand = SparseOnlineGP(h, learner.capacity, novelty, prior_mean=float(y[:20].mean()))
+    novelty = kernel.noise_variance / kernel.signal_variance
+    by_hand = SparseOnlineGP(kernel, learner.capacity, min(novelty, 1e-3), prior_mean=float(y[:20].mean()))
     for point, value in zip(x, y, strict=True):
         by_hand.update(point, value)
     np.testing.assert_allclose(learner.model().predict(x).mean, by_hand.predict(x).mean, atol=1e-12)
-    assert learner.samples == 40
-    assert learner.history.cells().counts.sum() == 40
+    assert learner.samples == 39
+    assert learner.history.cells().counts.sum() == 39
+
+
+def test_the_first_guess_is_made_anew_when_the_readings_have_doubled_until_a_fit_is_adopted():
+    _, x, y = survey(17, 400)
+    learner, changes, before = Learner(SPAN), [], None
+    for i, (point, value) in enumerate(zip(x, y, strict=True), start=1):
+        learner.add(point, value, float(i))
+        if i == 200:
+            learner.adopt(reestimate(learner.reestimate_request(0, SMOOTH)))
+        if learner.born and learner.gp.kernel != before:
+            changes.append(i)
+            before = learner.gp.kernel
+            # Whatever the guess is, rho counts from the last fit, and there was none.
+            assert learner.fresh_count == (0 if i == 200 else len(learner.basis))
+    assert changes == [20, 40, 80, 160, 200]
 
 
 def test_given_hyperparameters_apply_to_centred_readings():
@@ -117,7 +134,7 @@ def test_it_does_not_care_for_the_sensors_offset_and_unit():
 
 def test_fresh_basis_vectors_are_those_added_since_the_mark():
     _, x, y = survey(3, 400)
-    learner = taught(Learner(SPAN, capacity=30), x[:100], y[:100])
+    learner = taught(Learner(SPAN, capacity=30, hyperparameters=TRUE), x[:100], y[:100])
     assert learner.fresh_count == len(learner.basis)
     learner.mark()
     assert learner.fresh_count == learner.replaced_since_mark == 0
@@ -284,9 +301,9 @@ def test_birth_from_many_readings_is_spread_over_slices():
     assert learner.behind >= 480
     taught(learner, x[500:], y[500:], start=500)
     caught_up(learner)
-    h = learner.gp.kernel.hyperparameters
-    novelty = h.noise_variance / h.signal_variance
-    by_hand = SparseOnlineGP(h, 300, novelty, prior_mean=float(y[:500].mean()))
+    kernel = learner.gp.kernel
+    novelty = min(kernel.noise_variance / kernel.signal_variance, 1e-3)
+    by_hand = SparseOnlineGP(kernel, 300, novelty, prior_mean=float(y[:500].mean()))
     for point, value in zip(x, y, strict=True):
         by_hand.update(point, value)
     np.testing.assert_allclose(learner.model().predict(x).mean, by_hand.predict(x).mean, atol=1e-12)
@@ -414,7 +431,7 @@ def test_degenerate_readings_break_nothing(case, data):
     taught(learner, x, y, start=200)
     prediction = learner.model().predict(grid())
     assert np.isfinite(prediction.mean).all()
-    assert (prediction.variance >= -1e-6 * learner.gp.kernel.hyperparameters.signal_variance).all()
+    assert (prediction.variance >= -1e-6 * learner.gp.kernel.signal_variance).all()
     assert learner.model().predict([[7.0, 7.0]]).mean[0] == pytest.approx(y.mean(), abs=4)
 
 
