@@ -50,7 +50,6 @@ class Core:
     """The decisions of one survey; see the module's description."""
 
     def __init__(self, configuration: Configuration, survey: SurveyArea) -> None:
-        self._configuration = configuration
         self._survey = survey
         self._seaway = Seaway(configuration, survey)
         self._safeguards: Safeguards | None = None

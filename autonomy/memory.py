@@ -43,7 +43,7 @@ _SEQUENCES: Mapping[type, str] = {list: "list", set: "set", frozenset: "frozense
 SETTINGS: Mapping[str, frozenset[str]] = {
     name: frozenset(attributes.split())
     for name, attributes in {
-        "autonomy.core.Core": "_configuration _survey",
+        "autonomy.core.Core": "_survey",
         "autonomy.replanning.Replanning": "_configuration",
         "autonomy.seaway.Seaway": "_survey _margin_m",
         "autonomy.stall.StallWatch": "_stall_s _stall_m",

@@ -83,6 +83,8 @@ def boat(
 class Voyage(DiscreteRun):
     """A discrete run, and what a scenario asks of it."""
 
+    configuration: Configuration
+
     def lines(self, word: str, since: float = 0.0) -> list[str]:
         """Lines of the log that hold a word, written after `since`."""
         return [text for time, text in self.log if time > since and word in text]
@@ -229,7 +231,9 @@ def make_voyage(survey: SurveyArea) -> Callable[..., Voyage]:
         configuration = Configuration.model_validate({**settings, "seed": seed})
         core = Core(configuration, survey)
         autopilot = boat(seed=seed) if autopilot is None else autopilot
-        return Voyage(core, autopilot, survey, run_job=run_job, key=key)
+        made = Voyage(core, autopilot, survey, run_job=run_job, key=key)
+        made.configuration = configuration
+        return made
 
     return make
 

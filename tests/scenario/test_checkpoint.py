@@ -20,9 +20,8 @@ def through_bytes(memory: Memory) -> Memory:
 
 def twin_of(voyage: Any) -> Core:
     """A new core that knows what the voyage's knows, by way of a checkpoint's bytes."""
-    old = voyage.core
-    twin = Core(old._configuration, voyage.survey)
-    twin.restore(through_bytes(old.checkpoint()))
+    twin = Core(voyage.configuration, voyage.survey)
+    twin.restore(through_bytes(voyage.core.checkpoint()))
     return twin
 
 
@@ -82,7 +81,7 @@ def test_the_same_events_bring_the_same_decisions(voyage: Any, sail_s: float) ->
 
 def restart(voyage: Any, memory: Memory, away_s: float = 3.0) -> None:
     """The service that had this checkpoint is killed, and `away_s` later another one goes on."""
-    twin = Core(voyage.core._configuration, voyage.survey)
+    twin = Core(voyage.configuration, voyage.survey)
     twin.restore(through_bytes(memory))
     away(voyage, away_s)
     voyage.core = twin
@@ -91,16 +90,13 @@ def restart(voyage: Any, memory: Memory, away_s: float = 3.0) -> None:
 
 def away(voyage: Any, away_s: float) -> None:
     """Nobody listens to the vessel."""
-    voyage.core = Nobody(voyage.core)
+    voyage.core = Nobody()
     voyage._pending.clear()
     voyage.advance(away_s)
 
 
 class Nobody:
     """A service that is not there."""
-
-    def __init__(self, core: Any) -> None:
-        self._configuration = core._configuration
 
     def handle(self, now: float, event: Event) -> list[Effect]:
         return []
@@ -153,7 +149,7 @@ def test_a_boat_that_was_taken_meanwhile_is_left_alone(voyage: Any) -> None:
 def test_a_mission_put_on_board_meanwhile_holds(voyage: Any) -> None:
     voyage.advance(100.0)
     memory = voyage.core.checkpoint()
-    voyage.core, core = Nobody(voyage.core), voyage.core
+    voyage.core, core = Nobody(), voyage.core
     voyage.upload_as_operator((400.0, 400.0), (800.0, 500.0), (600.0, 2000.0))
     theirs = voyage.on_board_m()
     voyage.core = core
@@ -167,7 +163,6 @@ class Keeping(Nobody):
     """A core whose milestones are kept, as the daemon does."""
 
     def __init__(self, core: Any, kept: list[Memory]) -> None:
-        super().__init__(core)
         self.core, self.kept = core, kept
 
     def handle(self, now: float, event: Event) -> list[Effect]:
@@ -236,8 +231,8 @@ def test_after_a_long_absence_the_boat_gets_a_new_path(voyage: Any, away_s: floa
 
 def test_a_job_that_was_under_way_is_asked_for_again(voyage: Any) -> None:
     voyage.job_s = 50.0
-    estimating = lambda: voyage.core._replanning.is_busy and voyage.core._replanning._job.decision.reestimate  # noqa: E731
-    assert voyage.advance(3000.0, until=estimating)
+    replanning = voyage.core._replanning
+    assert voyage.advance(3000.0, until=lambda: replanning.is_busy and replanning._job.decision.reestimate)
     restart(voyage, voyage.core.checkpoint())
     voyage.job_s = 2.0
     voyage.advance(30.0)
@@ -250,7 +245,7 @@ def test_a_memory_of_another_version_is_refused(voyage: Any) -> None:
     name, attributes = next(row for row in memory["classes"] if row[0].endswith("Exploration"))
     memory["classes"][memory["classes"].index([name, attributes])][1][0] = "_gone"
     with pytest.raises(UnfitMemoryError, match=r"Exploration has other attributes in this version: .*_gone"):
-        Core(voyage.core._configuration, voyage.survey).restore(memory)
+        Core(voyage.configuration, voyage.survey).restore(memory)
 
 
 @pytest.mark.parametrize("mode", ["observe", "missions"])

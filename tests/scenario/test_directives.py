@@ -429,7 +429,7 @@ def test_what_comes_too_late_does_nothing(voyage: Any) -> None:
 
 def test_a_replay_comes_to_the_same_answers(make_voyage: Any, tmp_path: Path) -> None:
     made = make_voyage()
-    configuration = made.core._configuration
+    configuration = made.configuration
     header = make_header(configuration, made.survey, now=made.now, utc_s=0.0)
     journal = Journal.open(tmp_path, configuration.journal, header)
     voyage: Any = type(made)(Core(configuration, made.survey), boat(), made.survey, journal=journal)
