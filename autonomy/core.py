@@ -26,6 +26,7 @@ from autonomy.events import (
 )
 from autonomy.exploration import Trigger
 from autonomy.geometry import FloatArray
+from autonomy.handback import Handback
 from autonomy.helm import Helm
 from autonomy.homeward import Homeward, Sailing
 from autonomy.learning.learner import Learner
@@ -59,6 +60,7 @@ class Core:
         self._repairs_told = 0
         self._reporter = Reporter(configuration, survey, self._helm.telemetry, self._learner)
         self._course = Course(configuration, self._helm, self._seaway, self._reporter)
+        self._handback = Handback(self._helm, self._seaway, self._reporter)
         self._homeward = Homeward(configuration, survey)
         self._situation = Situation(
             self._helm, self._seaway, self._homeward, self._reporter, configuration.sensor.message_name
@@ -301,6 +303,9 @@ class Core:
             text = "land lies before waypoint 1 of the mission on board"
             self._reporter.log(Level.WARNING, f"{text}: another is made from where the boat is now")
             self._send(self._helm.warn("halocline: LAND before waypoint 1: wait for plan"))
+        words = self._handback.watch(now)
+        if words is not None:
+            self._send(self._helm.warn(f"halocline: {words}"))
 
     def _watch_budget(self, now: float) -> None:
         """Mind what distance, time and energy are left; turn the vessel homeward when they ask for it."""
@@ -361,10 +366,10 @@ class Core:
         self._effects.extend(SendMessage(message) for message in messages)
 
     def _status(self) -> Status:
-        trouble = "" if self._course.trouble is None else f", but {self._course.trouble}"
+        trouble = self._course.trouble or self._handback.trouble
         return Status(
             state=self._situation.state.name.lower(),
-            reason=self._situation.reason + trouble,
+            reason=self._situation.reason + ("" if trouble is None else f", but {trouble}"),
             rho=self._replanning.rho,
             plans=self._plans,
             worker_busy=self._replanning.is_busy,

@@ -154,12 +154,13 @@ class MissionDispatch:
         """Read the mission on board again if it has another length than the one we know."""
         if self._machine is not None or self._on_board is None:
             return
-        empty = vehicle.mission_state == mavlink.MISSION_STATE_NO_MISSION
-        total = 0 if empty else vehicle.mission_total
-        # Some autopilots count home, which is item 0.
-        if total is not None and total not in (len(self._on_board), len(self._on_board) + 1):
+        if not _has_so_many(vehicle, self._on_board):
             self._note("the mission on board has changed: reading it")
             self._void()
+
+    def may_be_on_board(self, vehicle: VehicleState) -> bool:
+        """Whether the active plan may still be on board, as far as that is known without reading it."""
+        return self.active is not None and not self._interrupted and _has_so_many(vehicle, self.active.items)
 
     def doubt(self, reason: str) -> None:
         """The boat does not seem to sail what we know to be on board: read that again when nothing else is going on."""
@@ -381,3 +382,11 @@ class MissionDispatch:
             any(missions_equal(mission[k : k + 1], (item,)) for mission in self._interrupted)
             for k, item in enumerate(items)
         )
+
+
+def _has_so_many(vehicle: VehicleState, mission: Mission) -> bool:
+    """Whether the vehicle has as many waypoints on board as this mission, or does not tell."""
+    empty = vehicle.mission_state == mavlink.MISSION_STATE_NO_MISSION
+    total = 0 if empty else vehicle.mission_total
+    # Some autopilots count home, which is item 0.
+    return total is None or total in (len(mission), len(mission) + 1)

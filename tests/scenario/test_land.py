@@ -123,6 +123,75 @@ def test_until_the_way_round_is_on_board_health_tells_of_the_land(east_of_the_is
     assert voyage.health.reason == "in AUTO under our mission"
 
 
+LAND_IN_AUTO = "land or the fence lies before waypoint 4"
+
+
+def brought(voyage, there_m):
+    """The operator brings the boat to a place, (2,), in local metres, and lets it lie there."""
+    voyage.select(Mode.HOLD)
+    vessel = voyage.autopilot.vessel
+    vessel.position = type(vessel.position)(*FRAME.to_geodetic(there_m).tolist())
+    voyage.advance(10.0)
+
+
+def warnings(voyage, since):
+    return [each.text for each in voyage.said("STATUSTEXT", since) if "LAND before" in each.text]
+
+
+def test_whoever_brings_the_boat_behind_the_island_is_told_before_he_selects_auto(east_of_the_island):
+    voyage, taken = east_of_the_island, east_of_the_island.now
+    voyage.select(Mode.MANUAL)
+    voyage.advance(10.0)
+    assert voyage.health.reason.endswith("we wait for AUTO"), "the way is free from where it was taken"
+    brought(voyage, (1000.0, 1300.0))
+    assert warnings(voyage, taken) == ["halocline: LAND before waypoint 4: no AUTO here"]
+    assert len(voyage.lines(LAND_IN_AUTO, taken)) == 1
+    assert LAND_IN_AUTO in voyage.health.reason
+    brought(voyage, (2000.0, 400.0))
+    assert "land" not in voyage.health.reason
+    brought(voyage, (1000.0, 1300.0))
+    voyage.advance(100.0)
+    assert len(warnings(voyage, taken)) == 1, "a coast comes and goes"
+    brought(voyage, (2000.0, 400.0))
+    voyage.advance(300.0)
+    brought(voyage, (1000.0, 1300.0))
+    assert len(warnings(voyage, taken)) == 2
+    assert set(voyage.traffic(taken)) == set(), "words are all that is said"
+    voyage.select(Mode.AUTO)
+    assert clearance_m(voyage, 60.0) > 30.0
+    assert voyage.health.reason == "in AUTO under our mission"
+
+
+def test_whoever_brings_it_out_of_the_fence_is_told_too(make_voyage):
+    voyage = make_voyage()
+    voyage.fence((-100.0, -500.0), (3100.0, -500.0), (3100.0, 2500.0), (-100.0, 2500.0), stops_the_boat=False)
+    voyage.start()
+    taken = voyage.now
+    brought(voyage, (-300.0, 300.0))
+    assert len(warnings(voyage, taken)) == 1
+    assert "land or the fence lies before waypoint" in voyage.health.reason
+
+
+@pytest.mark.parametrize("why", ["disarmed", "another mission", "cleared", "half of ours"])
+def test_nothing_is_said_of_a_way_that_would_not_be_sailed(east_of_the_island, why):
+    voyage, taken = east_of_the_island, east_of_the_island.now
+    if why == "half of ours":
+        voyage.stall_upload_after(1)
+        jumps(voyage)
+        voyage.until_sent("MISSION_ITEM_INT", 1)
+    voyage.select(Mode.MANUAL)
+    voyage.advance(2.0)
+    if why == "disarmed":
+        voyage.arm(armed=False)
+    elif why == "another mission":
+        voyage.upload_as_operator((2000.0, 400.0), (2100.0, 400.0))
+    elif why == "cleared":
+        voyage.upload_as_operator()
+    brought(voyage, (1000.0, 1300.0))
+    voyage.advance(30.0)
+    assert [each for each in warnings(voyage, taken) if "no AUTO" in each] == []
+
+
 def test_a_boat_that_was_moved_before_its_start_gets_another_mission(make_voyage):
     """Towed round the island after the first mission was put on board, which begins on the other side now."""
     voyage = make_voyage()
