@@ -1,4 +1,4 @@
-"""Runs of a service that crash, are killed and lose checkpoints: the next one knows all that these were told.
+"""Runs of a service that crash, are killed and lose checkpoints: the next one knows all that these were told, once.
 
 The model is what each run was told, and which records have crashed the core. Runs are short, so that each has records
 of the same numbers. HALOCLINE_EXAMPLES: how many sequences; without it 12.
@@ -26,13 +26,20 @@ from autonomy.planning.survey import SurveyArea
 from autonomy.shell.checkpoint import Store, decode, fits
 from autonomy.shell.journal import Journal, make_header
 from autonomy.shell.journal_files import Position
-from autonomy.shell.resumption import CRASHES_PER_CHECKPOINT, Continuity, Moment
+from autonomy.shell.resumption import (
+    CRASHES_PER_CHECKPOINT,
+    FAILURES_PER_CHECKPOINT,
+    Continuity,
+    Moment,
+)
 
 CONFIGURATION = Configuration.model_validate(
     {"survey": {"area": [(33.4, -118.6), (33.4, -118.4), (33.6, -118.4), (33.6, -118.6)]}}
 )
 SURVEY = SurveyArea.from_geometry(LocalFrame(33.5, -118.5), shapely.box(0, 0, 3000, 2000), passage_cells=20)
 WANTED = fits(CONFIGURATION, SURVEY)
+FEW = min(CRASHES_PER_CHECKPOINT, FAILURES_PER_CHECKPOINT) - 1
+"""Bad ends in a row, of runs that have hardly begun, after which nothing is given up yet."""
 _CRASHES = "crashes"
 
 
@@ -41,13 +48,14 @@ def new() -> Core:
 
 
 def breaking(sound: Callable[[Core, float, Event], list[Effect]]) -> Callable[..., list[Effect]]:
-    """A core that remembers why links were lost, among what it has explained, and does not survive some reasons."""
+    """A core that remembers why links were lost, and what it was told twice, and does not survive some reasons."""
 
     def handle(core: Core, now: float, event: Event) -> list[Effect]:
         if isinstance(event, LinkDown):
             if event.reason.startswith(_CRASHES):
                 raise ZeroDivisionError("a bug")
-            core._explained.add(event.reason)
+            again = event.reason in core._explained
+            core._explained.add(f"{event.reason} again" if again else event.reason)
         return sound(core, now, event)
 
     return handle
@@ -63,7 +71,7 @@ class Services(RuleBasedStateMachine):
         self.folder = Path(tempfile.mkdtemp(prefix="runs-"))
         self.told: set[str] = set()
         self.crashed: set[Position] = set()
-        self.crashes = 0
+        self.bad_ends = 0
         self.awake = False
         self.start()
 
@@ -108,13 +116,13 @@ class Services(RuleBasedStateMachine):
     def keeps(self) -> None:
         self.continuity.keep(self.journal)
 
-    @precondition(lambda self: self.crashes + 1 < CRASHES_PER_CHECKPOINT)
+    @precondition(lambda self: self.bad_ends < FEW)
     @rule()
     def crashes_and_starts(self) -> None:
         with pytest.raises(ZeroDivisionError):
             self.hear(LinkDown(f"{_CRASHES} {self.journal.position}"))
         self.crashed.add(self.journal.position)
-        self.crashes += 1
+        self.bad_ends += 1
         self.continuity.crashed(self.journal)
         self.leave(in_order=False)
         self.starts_again()
@@ -124,11 +132,13 @@ class Services(RuleBasedStateMachine):
         if keeps:
             self.keeps()
         self.leave(in_order=True)
-        self.crashes = 0
+        self.bad_ends = 0
         self.starts_again()
 
+    @precondition(lambda self: self.bad_ends < FEW)
     @rule(loses_newest=st.booleans())
     def is_killed_and_starts(self, loses_newest: bool) -> None:
+        self.bad_ends += 1
         self.leave(in_order=False)
         kept = list(self.store.folder.glob("*.checkpoint"))
         if loses_newest and kept:
