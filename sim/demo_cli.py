@@ -2,11 +2,11 @@
 
 import argparse
 import asyncio
-import math
 import signal
 import sys
 from pathlib import Path
 
+from autonomy.option_types import above_zero, whole
 from sim.demo import DemoError, DemoOptions, Outcome, run_demo
 from sim.endpoints import Endpoint
 from sim.field import FieldError
@@ -25,12 +25,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--variable", metavar="NAME", help="which variable of the file")
     parser.add_argument(
-        "--seconds", type=_positive, default=120.0, metavar="S", help="wall-clock time to sail (120)"
+        "--seconds",
+        type=above_zero("seconds"),
+        default=120.0,
+        metavar="S",
+        help="wall-clock time to sail (120)",
     )
     parser.add_argument(
         "--speedup", type=_speedup, default=LARGEST_SPEEDUP, metavar="N", help="at most 500 (500)"
     )
-    parser.add_argument("--seed", type=_seed, default=0, help="of the probe's noise (0)")
+    parser.add_argument("--seed", type=whole(0), default=0, help="of the probe's noise (0)")
     parser.add_argument(
         "--out", type=Path, default=Path("demo-output"), metavar="FOLDER", help="(demo-output)"
     )
@@ -105,12 +109,6 @@ async def _until_signalled(options: DemoOptions) -> Outcome:
         raise _StoppedError(caught[0]) from None
 
 
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0, got {text}")
-    return int(text)
-
-
 def _ground_station(text: str) -> str | None:
     if text == "none":
         return None
@@ -121,18 +119,8 @@ def _ground_station(text: str) -> str | None:
     return text
 
 
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (value > 0.0 and math.isfinite(value)):
-        raise argparse.ArgumentTypeError(f"must be a positive number, got {text}")
-    return value
-
-
 def _speedup(text: str) -> float:
-    value = _positive(text)
+    value = above_zero("a number")(text)
     if value > LARGEST_SPEEDUP:
         raise argparse.ArgumentTypeError(
             f"at most {LARGEST_SPEEDUP:g}, lest protocols drown in simulated time"

@@ -12,7 +12,7 @@ import tqdm
 from autonomy.commands.configuration import add_override_argument, doubts, load_with_survey, tell
 from autonomy.commands.places import launch_m, place
 from autonomy.config import ConfigurationError
-from autonomy.option_types import above_zero
+from autonomy.option_types import above_zero, share, whole
 from sim.currents import TidalCurrent
 from sim.field import FieldError
 from sim.rehearsal.values import DryRunError, Wishes
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="STD",
         help="of a reading, in the sensor's unit (a twentieth of the field's)",
     )
-    sea.add_argument("--seed", type=_seed, default=0, metavar="N", help="of sea, noise and battery (0)")
+    sea.add_argument("--seed", type=whole(0), default=0, metavar="N", help="of sea, noise and battery (0)")
     sea.add_argument(
         "--current", type=_current, default=(0.0, 0.0), metavar="EAST,NORTH", help="m/s (--current=-0.2,0.1)"
     )
@@ -87,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     battery.add_argument(
         "--battery-noise",
-        type=_share,
+        type=share,
         default=0.1,
         metavar="SHARE",
         help="by which wind and waves make its power swing (0.1)",
@@ -181,19 +181,3 @@ def _current(text: str) -> tuple[float, float]:
 def _tide(text: str) -> TidalCurrent:
     speed_mps, towards_deg = _pair(text, "MPS,DEG: a speed and a direction")
     return TidalCurrent(speed_mps, towards_deg)
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0 (got {text!r})")
-    return int(text)
-
-
-def _share(text: str) -> float:
-    try:
-        share = float(text)
-    except ValueError:
-        share = math.nan
-    if not 0.0 <= share < 1.0:
-        raise argparse.ArgumentTypeError(f"must be at least 0 and below 1 (got {text!r})")
-    return share

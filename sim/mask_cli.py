@@ -5,6 +5,7 @@ import json
 import sys
 from pathlib import Path
 
+from autonomy.option_types import not_negative
 from sim.field import FieldError, open_field, shrunk
 from sim.land import feature_collection, land_polygons
 
@@ -20,13 +21,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--variable", metavar="NAME", help="which variable of the file (land may differ)")
     parser.add_argument(
         "--simplify",
-        type=_metres,
+        type=not_negative("metres"),
         default=0.0,
         metavar="M",
         help="straighten the shore, erring seaward by at most 2 M metres (default: exact cells)",
     )
     parser.add_argument(
-        "--shrink-to-m", type=_metres, metavar="M", help="shrink a larger field to this size first"
+        "--shrink-to-m",
+        type=not_negative("metres"),
+        metavar="M",
+        help="shrink a larger field to this size first",
     )
 
 
@@ -50,10 +54,3 @@ def run(arguments: argparse.Namespace) -> int:
         f"{field.info.description}\n{arguments.out}: {len(land.geoms)} polygons of land, {vertices} vertices"
     )
     return 0
-
-
-def _metres(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is no distance in metres")
-    return value

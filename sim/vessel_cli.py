@@ -16,6 +16,7 @@ import numpy as np
 
 from autonomy.config import SigningSection
 from autonomy.mavlink.signing import KeyFileError, Signing, read_key
+from autonomy.option_types import above_zero, finite, not_negative
 from sim.autopilot import Autopilot, Options
 from sim.endpoints import Endpoint
 from sim.field import Field, FieldError, lattice, open_field, shrunk
@@ -53,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     clock = parser.add_argument_group("clock")
     clock.add_argument(
-        "--speedup", type=_positive, default=1.0, metavar="N", help="simulated seconds a second"
+        "--speedup", type=above_zero("a number"), default=1.0, metavar="N", help="simulated seconds a second"
     )
     clock.add_argument(
         "--sitl-timers",
@@ -68,10 +69,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="default: mid-field (--start=-33.9,18.4)",
     )
     boat.add_argument("--home", type=_argument(_position), metavar="LAT,LON", help="default: the start")
-    boat.add_argument("--heading", type=_finite, default=0.0, metavar="DEG", help="at the start, true")
-    boat.add_argument("--speed-mps", type=_positive, default=2.0, metavar="V", help="cruise speed (2)")
-    boat.add_argument("--turn-rate", type=_positive, default=20.0, metavar="DEG_S", help="at most (20 deg/s)")
-    boat.add_argument("--waypoint-radius-m", type=_positive, default=2.0, metavar="R", help="WP_RADIUS (2)")
+    boat.add_argument(
+        "--heading", type=finite("degrees"), default=0.0, metavar="DEG", help="at the start, true"
+    )
+    boat.add_argument(
+        "--speed-mps", type=above_zero("metres per second"), default=2.0, metavar="V", help="cruise speed (2)"
+    )
+    boat.add_argument(
+        "--turn-rate",
+        type=above_zero("degrees per second"),
+        default=20.0,
+        metavar="DEG_S",
+        help="at most (20 deg/s)",
+    )
+    boat.add_argument(
+        "--waypoint-radius-m", type=above_zero("metres"), default=2.0, metavar="R", help="WP_RADIUS (2)"
+    )
     boat.add_argument(
         "--current",
         type=_argument(_pair),
@@ -81,15 +94,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     boat.add_argument(
         "--current-noise",
-        type=_not_negative,
+        type=not_negative("metres per second"),
         default=0.0,
         metavar="MPS",
         help="by which it swings, over hours",
     )
-    boat.add_argument("--battery-wh", type=_positive, default=5000.0, metavar="WH", help="capacity (5000)")
+    boat.add_argument(
+        "--battery-wh", type=above_zero("watt-hours"), default=5000.0, metavar="WH", help="capacity (5000)"
+    )
     boat.add_argument(
         "--battery-noise",
-        type=_not_negative,
+        type=not_negative("a share"),
         default=0.0,
         metavar="SHARE",
         help="by which its power swings, over minutes (0)",
@@ -103,11 +118,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " (default: synthetic-patch)",
     )
     sea.add_argument("--variable", metavar="NAME", help="which variable of the file")
-    sea.add_argument("--shrink-to-m", type=_positive, metavar="M", help="shrink a larger field to this size")
-    sea.add_argument("--sensor-name", default="SALT", metavar="NAME", help="of NAMED_VALUE_FLOAT (SALT)")
-    sea.add_argument("--sample-interval-s", type=_positive, default=1.0, metavar="S", help="simulated (1)")
     sea.add_argument(
-        "--noise", type=_finite, default=0.0, metavar="STD", help="standard deviation of a reading"
+        "--shrink-to-m", type=above_zero("metres"), metavar="M", help="shrink a larger field to this size"
+    )
+    sea.add_argument("--sensor-name", default="SALT", metavar="NAME", help="of NAMED_VALUE_FLOAT (SALT)")
+    sea.add_argument(
+        "--sample-interval-s", type=above_zero("seconds"), default=1.0, metavar="S", help="simulated (1)"
+    )
+    sea.add_argument(
+        "--noise",
+        type=not_negative("a standard deviation"),
+        default=0.0,
+        metavar="STD",
+        help="standard deviation of a reading",
     )
     sea.add_argument("--seed", type=int, default=0, help="of the noise")
     sea.add_argument(
@@ -127,17 +150,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     autopilot = parser.add_argument_group("autopilot")
     autopilot.add_argument("--sysid", type=int, default=1, metavar="ID", help="MAVLink system id (1)")
     autopilot.add_argument(
-        "--ready-after-s", type=_finite, default=0.0, metavar="S", help="position estimate, simulated (0)"
+        "--ready-after-s",
+        type=finite("seconds"),
+        default=0.0,
+        metavar="S",
+        help="position estimate, simulated (0)",
     )
     autopilot.add_argument("--arming-checks", action="store_true", help="refuse to arm before that")
     autopilot.add_argument(
         "--request-int", action="store_true", help="ask for mission items with MISSION_REQUEST_INT"
     )
     autopilot.add_argument(
-        "--boot-clock-s", type=_finite, default=0.0, metavar="S", help="shown by its clock at power-on (0)"
+        "--boot-clock-s",
+        type=finite("seconds"),
+        default=0.0,
+        metavar="S",
+        help="shown by its clock at power-on (0)",
     )
     autopilot.add_argument(
-        "--reboot-after-s", type=_positive, metavar="S", help="start again in mid-mission, simulated (never)"
+        "--reboot-after-s",
+        type=above_zero("seconds"),
+        metavar="S",
+        help="start again in mid-mission, simulated (never)",
     )
     autopilot.add_argument(
         "--probe-component", type=int, metavar="ID", help="the instrument is a component of its own"
@@ -320,27 +354,6 @@ def _argument(parse: Callable[[str], _T]) -> Callable[[str], _T]:
             raise argparse.ArgumentTypeError(str(error)) from error
 
     return checked
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number")
-    return value
-
-
-def _positive(text: str) -> float:
-    value = _finite(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"must be positive, got {text}")
-    return value
-
-
-def _not_negative(text: str) -> float:
-    value = _finite(text)
-    if value < 0.0:
-        raise argparse.ArgumentTypeError(f"must not be negative, got {text}")
-    return value
 
 
 def _pair(text: str) -> tuple[float, float]:

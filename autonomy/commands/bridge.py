@@ -14,7 +14,7 @@ from autonomy.bridge.configuration import BridgeConfiguration, load_bridge
 from autonomy.commands.configuration import tell
 from autonomy.commands.run import EXIT_SOFTWARE, log_to_stderr
 from autonomy.config import ConfigurationError
-from autonomy.option_types import above_zero
+from autonomy.option_types import above_zero, whole
 
 EXIT_NOTHING_READ = 1
 
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="seconds from line to line of a file that does not tell when they came (%(default)g)",
     )
     parser.add_argument(
-        "--lines", type=_count, default=10, metavar="N", help="with --check: how many lines (%(default)d)"
+        "--lines", type=whole(1), default=10, metavar="N", help="with --check: how many lines (%(default)d)"
     )
     parser.add_argument(
         "--seconds",
@@ -68,12 +68,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.check is not None:
         return _check(configuration, arguments)
     return _run(configuration, arguments)
-
-
-def _count(text: str) -> int:
-    if not text.isascii() or not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1 (got {text!r})")
-    return int(text)
 
 
 def _check(configuration: BridgeConfiguration, arguments: argparse.Namespace) -> int:

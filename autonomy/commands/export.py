@@ -19,10 +19,9 @@ import yaml
 
 from autonomy.commands.replay import EXIT_DATA, EXIT_NO_INPUT, find_run
 from autonomy.commands.run import EXIT_SOFTWARE
-from autonomy.option_types import above_zero
+from autonomy.option_types import above_zero, between, vehicle_name
 from autonomy.shell.journal_files import JournalError
 from autonomy.shore.recording import RecordingError, is_recording
-from autonomy.wire import VEHICLE_NAME
 
 if TYPE_CHECKING:
     from autonomy.export.archive import Archive
@@ -58,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for name, what in _FORMATS.items():
         parser.add_argument(f"--{name}", type=Path, metavar="FILE", help=what)
-    parser.add_argument("--vehicle", type=_vehicle, metavar="V", help="which, where there are several")
+    parser.add_argument("--vehicle", type=vehicle_name, metavar="V", help="which, where there are several")
     parser.add_argument(
         "--every",
         type=_period,
@@ -77,7 +76,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--until", type=_moment, metavar="UTC", help="nothing after that, e.g. 2026-05-01T12:30:00"
     )
     parser.add_argument(
-        "--depth", type=_depth, metavar="M", help="of the probe below the surface, in metres, for NetCDF"
+        "--depth",
+        type=between(0.0, 12_000.0, "metres"),
+        metavar="M",
+        help="of the probe below the surface, in metres, for NetCDF",
     )
     parser.add_argument(
         "--attributes",
@@ -325,27 +327,11 @@ def _attributes(path: Path | None) -> dict[str, Any]:
     return content
 
 
-def _vehicle(text: str) -> str:
-    if not VEHICLE_NAME.fullmatch(text):
-        raise argparse.ArgumentTypeError(f"must match {VEHICLE_NAME.pattern} (got {text!r})")
-    return text
-
-
 def _period(text: str) -> float:
     match = re.fullmatch(r"([0-9]+(?:\.[0-9]*)?)(s|min|h|d)?", text)
     if match is None:
         raise argparse.ArgumentTypeError(f"must be a time such as 30s, 10min, 1h or 1d (got {text!r})")
     return float(match[1]) * _UNITS_S[match[2] or ""]
-
-
-def _depth(text: str) -> float:
-    try:
-        metres = float(text)
-    except ValueError:
-        metres = math.nan
-    if not 0.0 <= metres <= 12_000.0:
-        raise argparse.ArgumentTypeError(f"must be metres below the surface (got {text!r})")
-    return metres
 
 
 def _moment(text: str) -> float:

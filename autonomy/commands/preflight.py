@@ -3,7 +3,6 @@
 import argparse
 import asyncio
 import json
-import math
 import os
 import sys
 import textwrap
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from autonomy.commands.configuration import add_override_argument, doubts, load_with_survey, tell
 from autonomy.config import Configuration, ConfigurationError
+from autonomy.option_types import between
 from autonomy.planning.survey import SurveyArea
 from autonomy.preflight.finding import Finding, Grade
 
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", required=True, metavar="FILE", help="configuration in YAML")
     parser.add_argument(
         "--seconds",
-        type=_seconds,
+        type=between(1.0, 3600.0, "seconds"),
         default=20.0,
         metavar="N",
         help="how long the vehicle is listened to (%(default)g); nothing is sent to it but heartbeats and questions",
@@ -119,13 +119,3 @@ def _as_json(findings: Sequence[Finding]) -> str:
     ]
     ready = not any(each.grade is Grade.FAIL for each in findings)
     return json.dumps({"ready": ready, "findings": rows}, indent=1, ensure_ascii=False)
-
-
-def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 1.0 <= value <= 3600.0:
-        raise argparse.ArgumentTypeError(f"must be from 1 to 3600 seconds (got {text!r})")
-    return value

@@ -19,7 +19,7 @@ from typing import Any
 from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.description import describe
 from autonomy.learning.kernel import Component
-from autonomy.option_types import above_zero, vehicle_or_all
+from autonomy.option_types import above_zero, vehicle_or_all, whole
 from autonomy.shore import way
 from autonomy.shore.saving import model_bytes, replace_file
 from autonomy.shore.stopping import stop_on_signals
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep the latest model in this file, for `autonomy plan --model`",
     )
     parser.add_argument("--json", action="store_true", help="print a JSON object per snapshot, not text")
-    parser.add_argument("--count", type=_positive_count, metavar="N", help="end after N snapshots")
+    parser.add_argument("--count", type=whole(1), metavar="N", help="end after N snapshots")
     parser.add_argument(
         "--timeout",
         type=above_zero("seconds"),
@@ -265,9 +265,3 @@ def _note(text: str) -> None:
 def _complain(code: int, text: str) -> int:
     _note(f"autonomy shore watch: {text}")
     return code
-
-
-def _positive_count(text: str) -> int:
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"must be a whole number above 0 (got {text!r})")
-    return int(text)

@@ -1,12 +1,12 @@
 """`sim experiment compare`: our default beside the paper's profile and what people sail today."""
 
 import argparse
-import math
 import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from autonomy.option_types import above_zero, whole
 from sim.experiment.sweep_options import add_sweep_arguments
 
 if TYPE_CHECKING:
@@ -46,30 +46,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--moving", action="store_true", help="sail --field while its record passes (it stands still)"
     )
     voyages = parser.add_argument_group("voyages")
-    voyages.add_argument("--launches", type=_count, default=2, metavar="N", help="on each sea (%(default)s)")
+    voyages.add_argument(
+        "--launches", type=whole(1), default=2, metavar="N", help="on each sea (%(default)s)"
+    )
     voyages.add_argument(
         "--seeds",
-        type=_count,
+        type=whole(1),
         default=1,
         metavar="N",
         help="of noise and strategies, for each launch (%(default)s)",
     )
-    voyages.add_argument("--seed", type=_seed, default=0, metavar="S", help="the first of them (%(default)s)")
+    voyages.add_argument(
+        "--seed", type=whole(0), default=0, metavar="S", help="the first of them (%(default)s)"
+    )
     voyages.add_argument(
         "-L",
         "--sides",
-        type=_positive,
+        type=above_zero("a number"),
         metavar="L",
         help=f"budget in multiples of the square root of the water's area ({_SIDES:g})",
     )
     voyages.add_argument(
         "--moving-sides",
-        type=_positive,
+        type=above_zero("a number"),
         metavar="L",
         help=f"the same over a sea that moves ({_MOVING_SIDES:g})",
     )
     voyages.add_argument(
-        "--budget-km", type=_positive, metavar="KM", help="budget of every voyage in kilometres instead"
+        "--budget-km",
+        type=above_zero("kilometres"),
+        metavar="KM",
+        help="budget of every voyage in kilometres instead",
     )
     voyages.add_argument(
         "--quick",
@@ -152,25 +159,3 @@ def _seas(arguments: argparse.Namespace) -> "tuple[tuple[SeaChoice, ...], tuple[
 def _failed(why: object, exit_code: int) -> int:
     print(f"sim experiment compare: {why}", file=sys.stderr)
     return exit_code
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1, got {text}")
-    return int(text)
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0, got {text}")
-    return int(text)
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (value > 0.0 and math.isfinite(value)):
-        raise argparse.ArgumentTypeError(f"must be a positive number, got {text}")
-    return value

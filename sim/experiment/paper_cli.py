@@ -5,8 +5,12 @@ import sys
 from pathlib import Path
 from time import monotonic
 
+from autonomy.option_types import whole
 from sim.experiment.paper_numbers import ABLATIONS, SAMPLES, THRESHOLDS
 from sim.experiment.sweep_options import add_sweep_arguments
+
+_FEWEST_SAMPLES = 200
+"""A model takes fifty, and thirds of a run want something in them."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,13 +23,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--variable", metavar="NAME", help="which variable of the file")
     parser.add_argument(
-        "--seed", type=_natural, default=0, metavar="N", help="of noise and tours (%(default)s)"
+        "--seed", type=whole(0), default=0, metavar="N", help="of noise and tours (%(default)s)"
     )
     parser.add_argument(
-        "--seeds", type=_count, default=1, metavar="K", help="so many voyages of each setting (%(default)s)"
+        "--seeds", type=whole(1), default=1, metavar="K", help="so many voyages of each setting (%(default)s)"
     )
     parser.add_argument(
-        "--samples", type=_samples, default=SAMPLES, metavar="N", help="length of a voyage (%(default)s)"
+        "--samples",
+        type=whole(_FEWEST_SAMPLES),
+        default=SAMPLES,
+        metavar="N",
+        help="length of a voyage (%(default)s)",
     )
     parser.add_argument(
         "--rho0",
@@ -83,25 +91,6 @@ def run(arguments: argparse.Namespace) -> int:
 def _failed(why: object, code: int) -> int:
     print(f"sim experiment paper: {why}", file=sys.stderr)
     return code
-
-
-def _natural(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0, got {text}")
-    return int(text)
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1, got {text}")
-    return int(text)
-
-
-def _samples(text: str) -> int:
-    # A model takes fifty, and thirds of a run want something in them.
-    if not text.isdecimal() or int(text) < 200:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 200, got {text}")
-    return int(text)
 
 
 def _thresholds(text: str) -> tuple[float, ...]:

@@ -98,10 +98,10 @@ def test_a_large_roms_file_is_shrunk_and_learnt(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--seconds", "0"], "--seconds: must be a positive number, got 0"),
-        (["--seconds", "long"], "--seconds: must be a positive number, got long"),
+        (["--seconds", "0"], "--seconds: must be seconds above 0 (got '0')"),
+        (["--seconds", "long"], "--seconds: must be seconds above 0 (got 'long')"),
         (["--speedup", "501"], "--speedup: at most 500"),
-        (["--seed", "-1"], "--seed: must be a whole number from 0, got -1"),
+        (["--seed", "-1"], "--seed: must be a whole number from 0 (got '-1')"),
         (["--ground-station", "here"], "--ground-station: must be HOST:PORT or none, got here"),
         (["--field", "NOWHERE"], "salt.nc"),
         (["--field", "TEXT"], "notes.nc"),

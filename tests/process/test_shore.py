@@ -334,7 +334,7 @@ def run_watch(*arguments):
         ([], 2, "one of the arguments --listen --connect is required"),
         (["a/b", "--listen", "ENDPOINT"], 2, "must be * or match"),
         (["--listen", "ENDPOINT", "--png", "nowhere/map.png"], 2, "there is no directory"),
-        (["--listen", "ENDPOINT", "--count", "0"], 2, "must be a whole number above 0"),
+        (["--listen", "ENDPOINT", "--count", "0"], 2, "must be a whole number from 1"),
         (["--listen", "ENDPOINT", "--timeout", "soon"], 2, "must be seconds above 0"),
     ],
 )

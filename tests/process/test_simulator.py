@@ -187,7 +187,7 @@ def test_it_stops_cleanly(number):
         (["--listen", "carrier-pigeon:127.0.0.1:1"], "no endpoint"),
         (["--listen", "udpin:127.0.0.1"], "no endpoint"),
         (["--listen", "udpout:127.0.0.1:0"], "not 0"),
-        (["--speedup", "0"], "positive"),
+        (["--speedup", "0"], "above 0"),
         (["--start=89.0,0.0"], "outside the field"),
         (["--sensor-name", "ELEVENCHARS"], "1 to 10"),
         (["--sysid", "255"], "1 to 254"),
