@@ -44,7 +44,8 @@ class Figures:
         fresh: how many of them were added since the mark set by the last plan.
         replaced: how many replacements there were since then.
         path_finished: the mission on board, ours, has been sailed to its end.
-        cells: number of cells of the history.
+        cells: number of cells of the history, of places and times.
+        places: number of places of the history, a thirtieth of the survey wide.
         spread: variance of all readings as a multiple of the model's signal variance.
         sailed_share: what was sailed since the last plan was begun, of the longest plan so far.
         planner: which one made the plan being sailed; empty if there is none.
@@ -57,6 +58,7 @@ class Figures:
     replaced: int
     path_finished: bool
     cells: int
+    places: int
     spread: float
     sailed_share: float = 0.0
     planner: str = ""
@@ -93,16 +95,16 @@ class Exploration:
         """Whether it is time for a new plan, the strongest reason first; None while the path goes on."""
         section = self._section
         rho = self.rho(figures)
-        # Several basis vectors may share a cell: with too few cells for a fit nothing would be estimated, and rho
-        # would count from nothing again. Who wants it sooner than a fit can be (the paper) has it.
-        fittable = figures.cells >= MINIMUM_POINTS or section.minimum_basis < MINIMUM_POINTS
+        # With too few cells for a fit nothing would be estimated, and rho would count from nothing again. And a fit to
+        # as many cells of a short stretch, which a slow boat soon has, is too sure of what lies beyond it: the cells
+        # have to be of so many places. Who wants it sooner (the paper) has it.
+        fittable = figures.places >= MINIMUM_POINTS or section.minimum_basis < MINIMUM_POINTS
         grown = figures.basis_size >= section.minimum_basis
         if grown and fittable and rho > section.rho0:
             return Decision(Trigger.NOVELTY, True, f"rho {rho:.2f} > {section.rho0:.2f}")
         if figures.path_finished:
-            return Decision(
-                Trigger.PATH_FINISHED, section.reestimate_on_path_end, Trigger.PATH_FINISHED.value
-            )
+            estimates = section.reestimate_on_path_end and fittable
+            return Decision(Trigger.PATH_FINISHED, estimates, Trigger.PATH_FINISHED.value)
         if self._is_outgrown(figures):
             reason = f"the readings vary {figures.spread:.0f} times more than the model allows"
             return Decision(Trigger.OUTGROWN, True, reason)

@@ -173,6 +173,7 @@ class Replanning:
             replaced=learner.replaced_since_mark,
             path_finished=self._helm.path_finished,
             cells=len(learner.history),
+            places=learner.history.places,
             spread=learner.history.variance / learner.gp.kernel.signal_variance if learner.born else 0.0,
             sailed_share=self._course.sailed_share,
             planner="" if active is None else active.plan.planner,

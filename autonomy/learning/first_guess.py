@@ -6,7 +6,8 @@ is made of them has to say so, on the map as well as of the next reading:
 - The noise is what second differences leave of the readings (Gasser, Sroka & Jennen-Steinmetz 1986), not a share of
   their variance: on a short stretch that is nearly all noise, in wide water nearly all field.
 - A stretch shorter than the length-scale varies by σf²(1 − ρ) only, ρ the mean of its correlations: its variance is
-  the more enlarged the shorter it is, and is taken to be no less than what noise alone might hide.
+  the more enlarged the shorter it is, and is taken to be no less than what noise alone might hide. No guess is less
+  than half the one before: a stretch without a slope is no news of the field's size.
 - The field is taken to be rough. A smooth kernel without noise carries the slope of the first minutes, or a wave of
   them, far out over the water (measured: the map's error rose to twelve times the field's standard deviation).
 
@@ -40,6 +41,7 @@ class FirstGuess:
         self._next = 1
         self._mean, self._squares = 0.0, 0.0
         self._largest = 0.0
+        self._least = 0.0
         self._last: list[tuple[FloatArray, float]] = []
         self._rough, self._triples = 0.0, 0
         # Every `_stride`-th place.
@@ -82,7 +84,8 @@ class FirstGuess:
         noise = max(noise, _LEAST_NOISE_SHARE * variance)
         # The variance of n readings of noise alone is uncertain by about this.
         seen = max(variance - noise, noise / math.sqrt(self._count))
-        signal = min(_CAUTION * seen / max(1.0 - self._alike, 1e-300), _MOST * variance)
+        signal = max(min(_CAUTION * seen / max(1.0 - self._alike, 1e-300), _MOST * variance), self._least)
+        self._least = 0.5 * signal
         return Kernel((Component(signal, self._space),), noise)
 
     @property

@@ -73,6 +73,11 @@ class History:
     def __len__(self) -> int:
         return self._used
 
+    @property
+    def places(self) -> int:
+        """How many places there are readings of, whenever they were taken."""
+        return len(self._youngest)
+
     def add(self, x: ArrayLike, value: float, time_s: float) -> None:
         """Count a reading at `x` (d,) metres and model time `time_s`; ValueError if they are not finite."""
         point = np.asarray(x, dtype=np.float64)

@@ -258,6 +258,7 @@ def _rho(learner: Learner, configuration: Configuration) -> float:
         replaced=learner.replaced_since_mark,
         path_finished=False,
         cells=0,
+        places=0,
         spread=0.0,
     )
     return Exploration(configuration.exploration).rho(figures)

@@ -82,6 +82,7 @@ class Driven:
             capacity=learner.capacity,
             path_finished=False,
             cells=len(learner.history),
+            places=learner.history.places,
             spread=learner.history.variance / self.kernel.signal_variance if learner.born else 0.0,
         )
 

@@ -82,5 +82,6 @@ def _figures(learner: Learner, time_s: float, path_finished: bool) -> Figures:
         replaced=learner.replaced_since_mark,
         path_finished=path_finished,
         cells=len(learner.history),
+        places=learner.history.places,
         spread=learner.history.variance / learner.gp.kernel.signal_variance if learner.born else 0.0,
     )

@@ -13,15 +13,18 @@ CAPACITY = 100
 PAPER = ExplorationSection(rho0=0.6, minimum_basis=1, maximum_interval_s=None, reestimate_on_path_end=False)
 
 
-def figures(basis_size=50, fresh=0, *, replaced=0, finished=False, time_s=0.0, cells=None, spread=1.0):
+def figures(
+    basis_size=50, fresh=0, *, replaced=0, finished=False, time_s=0.0, cells=None, places=None, spread=1.0
+):
     cells = basis_size if cells is None else cells
-    return Figures(time_s, basis_size, CAPACITY, fresh, replaced, finished, cells, spread)
+    places = cells if places is None else places
+    return Figures(time_s, basis_size, CAPACITY, fresh, replaced, finished, cells, places, spread)
 
 
 def some_figures():
     return st.builds(
         lambda size, share, replaced, finished, time_s: Figures(
-            time_s, size, CAPACITY, round(share * size), replaced, finished, size, 1.0
+            time_s, size, CAPACITY, round(share * size), replaced, finished, size, size, 1.0
         ),
         st.integers(0, CAPACITY),
         st.floats(0.0, 1.0),
@@ -103,6 +106,18 @@ def test_rho_waits_until_there_are_cells_enough_for_a_fit():
     assert exploration(minimum_basis=50).decide(figures(60, 60, cells=20)).trigger is Trigger.NOVELTY
     assert exploration(minimum_basis=12).decide(figures(25, 25, cells=9)).trigger is Trigger.NOVELTY
     assert Exploration(PAPER).decide(figures(25, 25, cells=1)).trigger is Trigger.NOVELTY
+
+
+def test_a_fit_waits_until_the_readings_are_of_enough_places():
+    # A slow boat's readings of one stretch fill many cells, one after the other; what is fitted to them is too sure of
+    # the rest of the sea.
+    for places, expected in ((19, False), (20, True)):
+        rule = exploration(maximum_interval_s=100.0)
+        quiet = figures(60, cells=200, places=places)
+        assert rule.decide(quiet) is None
+        for news in ({"fresh": 60}, {"model_time_s": 101.0}):
+            assert (rule.decide(dataclasses.replace(quiet, **news)) is not None) == expected
+        assert rule.decide(dataclasses.replace(quiet, path_finished=True)).reestimate == expected
 
 
 def test_the_threshold_itself_does_not_fire():

@@ -63,6 +63,18 @@ def test_it_comes_down_to_the_field_as_the_boat_gets_on() -> None:
     assert 1.0 < late.signal_variance / waves.var() < 100.0
 
 
+def test_no_guess_is_less_than_half_the_one_before() -> None:
+    # A slope, then a plateau: that the field does not vary there is no news of how much it does elsewhere.
+    guess, signals = FirstGuess(SPAN_M), []
+    for i in range(320):
+        guess.add(np.array([2.0 * i, 0.0]), 33.0 + 0.01 * min(i, 20) + 1e-4 * (-1) ** i)
+        if i >= 19 and guess.is_due:
+            signals.append(guess.kernel().signal_variance)
+    ratios = np.divide(signals[1:], signals[:-1])
+    assert len(signals) == 5
+    assert ratios.min() == pytest.approx(0.5)
+
+
 def test_it_is_due_at_every_doubling_and_keeps_few_places() -> None:
     guess, due = FirstGuess(SPAN_M), []
     for i in range(1, 3000):
