@@ -1,24 +1,17 @@
-"""Checkpoints on disk: what the core knows, in two generations, each in a file that tells whether it is whole.
+"""A checkpoint as bytes: what the core knows, in a file that tells whether it is whole.
 
 A file is `MAGIC`, the BLAKE2b digest (32 bytes) of the rest, and a zstd frame of CBOR:
 
     {"number": counts the checkpoints, "fits": {what it depends on: digest}, "now", "utc_s": when, by both clocks,
      "boot": the machine's boot, "journal": [run, sequence] or null, "memory": see `autonomy.memory`}
 
-with arrays as ["array", type, order, [side, …], bytes]. A new one replaces the older of the two files, so that
-whatever happens meanwhile, the newer one is whole. Nothing in a file is ever run as code.
+with arrays as ["array", type, order, [side, …], bytes]. Nothing in a file is ever run as code.
 """
 
-import errno
-import fcntl
 import hashlib
-import logging
-import os
-import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import IO, Any, Literal
+from typing import Any, Literal
 
 import cbor2
 import numpy as np
@@ -30,9 +23,6 @@ from autonomy.config import Configuration
 from autonomy.memory import Memory
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell.journal_files import Position
-from autonomy.shell.journal_store import FULL
-
-log = logging.getLogger(__name__)
 
 MAGIC = b"HALOCKPT"
 SCHEMA = 1
@@ -50,12 +40,6 @@ FITTING_SHAPES = ("ground", "obstacles", "navigable")
 
 _DIGEST_BYTES = 32
 _MAXIMUM_DEPTH = 400
-_FILES = ("even.checkpoint", "odd.checkpoint")
-TRIALS_FILES = ("trials.json", "mark")
-"""Beside the checkpoints: see `autonomy.shell.trials`."""
-
-_KEPT_ASIDE = 8
-_LEAST_RESERVE_BYTES = 2**20
 
 
 class CheckpointError(ValueError):
@@ -173,210 +157,3 @@ def _encode_array(encoder: Any, value: Any) -> None:
         raise TypeError(f"a {type(value).__name__} has no place in a checkpoint")
     order: Literal["C", "F"] = "C" if value.flags.c_contiguous or not value.flags.f_contiguous else "F"
     encoder.encode(["array", value.dtype.str, order, list(value.shape), value.tobytes(order)])
-
-
-class Store:
-    """The folder of one boat's checkpoints.
-
-    One on a disk that has become read-only is still read. Raises OSError if the folder can't be made or written to
-    for any other reason; BlockingIOError if another process uses it.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self.folder = folder
-        self.is_spoilt = False
-        """Whether what was found there is damaged or another version's: the journal may still tell what it was."""
-        self._reserve = folder / "reserve"
-        self._is_short = False
-        self._lock = _open_lock(folder / "lock")
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._lock.close()
-            raise
-
-    def close(self) -> None:
-        """Let another process use the folder."""
-        self._lock.close()
-
-    def begin_anew(self) -> None:
-        """Put aside what there is, and forget what went wrong with it."""
-        for name in _FILES:
-            if (self.folder / name).exists():
-                self._put_aside(name, "earlier")
-        for name in TRIALS_FILES:
-            (self.folder / name).unlink(missing_ok=True)
-
-    def load(self, wanted: Mapping[str, str]) -> list[Checkpoint]:
-        """The sound checkpoints that fit, newest first; the others are put aside, and said to be."""
-        found = []
-        for name in _FILES:
-            path = self.folder / name
-            try:
-                checkpoint = decode(_read(path))
-            except FileNotFoundError:
-                continue
-            except (CheckpointError, OSError) as error:
-                log.error("the checkpoint %s is not used: %s", path, error)
-                self._put_aside(name, "damaged")
-                self.is_spoilt = True
-                continue
-            changed = [part for part in wanted if checkpoint.fits.get(part) != wanted[part]]
-            if changed:
-                why = f"what it depends on has changed: {', '.join(changed)}"
-                log.error("the checkpoint %s is not used: %s", path, why)
-                self._put_aside(name, "unfit")
-                self.is_spoilt = self.is_spoilt or changed == ["software"]
-            else:
-                found.append(checkpoint)
-        return sorted(found, key=lambda checkpoint: -checkpoint.number)
-
-    def reject(self, checkpoint: Checkpoint, why: str) -> None:
-        """Put a checkpoint aside that turned out to be of no use."""
-        name = _FILES[checkpoint.number % 2]
-        log.error("the checkpoint %s is not used: %s", self.folder / name, why)
-        self._put_aside(name, "unfit")
-
-    def save(self, checkpoint: Checkpoint) -> int:
-        """Write a checkpoint in place of the older one, to the disk itself; returns its size. OSError if that fails."""
-        data = encode(checkpoint)
-        self.write(self.folder / _FILES[checkpoint.number % 2], data)
-        self._set_aside_room(max(_LEAST_RESERVE_BYTES, 2 * len(data)))
-        return len(data)
-
-    def write(self, path: Path, data: bytes) -> None:
-        """As `write_atomically`; a full disk costs the room that is reserved for this."""
-        try:
-            write_atomically(path, data)
-        except OSError as error:
-            if error.errno not in FULL or not self._reserve.exists():
-                raise
-            self._reserve.unlink()
-            write_atomically(path, data)
-
-    def _set_aside_room(self, size: int) -> None:
-        """Keep a file as large as the next checkpoints, if the disk has room for one."""
-        try:
-            if self._reserve.exists() and self._reserve.stat().st_size >= size:
-                return
-            with self._reserve.open("ab") as file:
-                os.posix_fallocate(file.fileno(), 0, size)
-        except OSError as error:
-            self._reserve.unlink(missing_ok=True)
-            if not self._is_short:
-                log.warning("no room can be reserved for the next checkpoints: %s", error)
-            self._is_short = True
-        else:
-            self._is_short = False
-
-    def _put_aside(self, name: str, reason: str) -> None:
-        """Keep a file under another name; of those the oldest goes when there are more than eight."""
-        path = self.folder / name
-        aside = sorted(self.folder.glob("*.aside"), key=lambda one: one.stat().st_mtime)
-        for old in aside[: max(0, len(aside) + 1 - _KEPT_ASIDE)]:
-            old.unlink(missing_ok=True)
-        number = 1
-        while (target := self.folder / f"{name}.{reason}-{number}.aside").exists():
-            number += 1
-        try:
-            path.rename(target)
-        except OSError as error:
-            log.error("%s can't be put aside: %s", path, error)
-        else:
-            log.warning("it is kept as %s", target)
-
-
-def _open_lock(path: Path) -> IO[bytes]:
-    try:
-        return path.open("wb")
-    except OSError as error:
-        if error.errno != errno.EROFS or not path.exists():
-            raise
-        log.error("%s is read-only: what is learnt from now on will not outlive this run", path.parent)
-        return path.open("rb")
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Replace a file so that after any interruption it is the old or the new one, whole. OSError if that fails."""
-    draft = path.with_name(path.name + ".new")
-    try:
-        with draft.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-    except OSError:
-        # What is there of it keeps others from a full disk.
-        draft.unlink(missing_ok=True)
-        raise
-    draft.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
-
-
-def _read(path: Path) -> bytes:
-    with path.open("rb") as file:
-        data = file.read(MAXIMUM_BYTES + 1)
-    if len(data) > MAXIMUM_BYTES:
-        raise CheckpointError(f"it has more than {MAXIMUM_BYTES} bytes")
-    return data
-
-
-class Keeper:
-    """Writes checkpoints in a thread of its own; one that is not written yet gives way to a newer one.
-
-    Before one is written, `sync` has the journal put on the disk up to its position: or after a power cut the
-    checkpoint would know what the journal does not, and no replay could come to the same.
-
-    To be used from one thread. `trouble` is why the last one could not be written, empty if it was.
-    """
-
-    def __init__(self, store: Store, sync: Callable[[Position], object] = lambda position: None) -> None:
-        self._store = store
-        self._sync = sync
-        self._waiting: Checkpoint | None = None
-        self._closing = False
-        self._changed = threading.Condition()
-        self.trouble = ""
-        self.written = 0
-        self._thread = threading.Thread(target=self._work, name="checkpoint", daemon=True)
-        self._thread.start()
-
-    def keep(self, checkpoint: Checkpoint) -> None:
-        """Have it written; returns at once."""
-        with self._changed:
-            self._waiting = checkpoint
-            self._changed.notify_all()
-
-    def close(self) -> None:
-        """Write what waits, and end."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
-        self._thread.join()
-
-    def _work(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting is not None or self._closing)
-                checkpoint, self._waiting = self._waiting, None
-            if checkpoint is None:
-                return
-            self._write(checkpoint)
-
-    def _write(self, checkpoint: Checkpoint) -> None:
-        if checkpoint.position is not None:
-            self._sync(checkpoint.position)
-        try:
-            size = self._store.save(checkpoint)
-        except (OSError, TypeError, ValueError) as error:
-            if str(error) != self.trouble:
-                log.error("no checkpoint could be written: %s", error)
-            self.trouble = str(error)
-            return
-        self.trouble = ""
-        self.written += 1
-        log.debug("checkpoint %d: %d bytes", checkpoint.number, size)

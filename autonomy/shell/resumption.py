@@ -18,7 +18,9 @@ from autonomy.core import Core
 from autonomy.memory import UnfitMemoryError
 from autonomy.planning.survey import SurveyArea
 from autonomy.records import Resumed
-from autonomy.shell.checkpoint import Checkpoint, Keeper, Store, fits
+from autonomy.shell.checkpoint import Checkpoint, fits
+from autonomy.shell.checkpoint_keeper import Keeper
+from autonomy.shell.checkpoint_store import Store
 from autonomy.shell.journal import Journal
 from autonomy.shell.journal_alone import Beginning, beginning
 from autonomy.shell.journal_files import JournalError, Position, Recorded, read_from

@@ -20,7 +20,7 @@ from autonomy.mavlink.signing import (
     read_key,
     told,
 )
-from autonomy.shell.checkpoint import write_atomically
+from autonomy.shell.files import write_atomically
 from autonomy.shell.state_directory import state_directory
 
 log = logging.getLogger(__name__)

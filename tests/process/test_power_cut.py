@@ -18,7 +18,8 @@ from processes import Processes, free_port
 from autonomy.commands.configuration import load_with_survey
 from autonomy.core import Core
 from autonomy.records import Resumed
-from autonomy.shell.checkpoint import Store, decode, fits
+from autonomy.shell.checkpoint import decode, fits
+from autonomy.shell.checkpoint_store import Store
 from autonomy.shell.journal_files import Position, Recorded, journal_files, read_from
 
 pytestmark = pytest.mark.process

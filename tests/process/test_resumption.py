@@ -22,7 +22,8 @@ from autonomy.commands.configuration import load_with_survey
 from autonomy.core import Core
 from autonomy.learning.field_model import FieldModel
 from autonomy.records import Resumed
-from autonomy.shell.checkpoint import Store, fits
+from autonomy.shell.checkpoint import fits
+from autonomy.shell.checkpoint_store import Store
 from autonomy.shell.journal_files import Position, read_from
 from autonomy.shore.subscriber import Subscriber
 

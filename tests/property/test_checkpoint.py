@@ -9,7 +9,7 @@ import cbor2
 import pytest
 import shapely
 import zstandard
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from autonomy.config import CheckpointSection, Configuration
@@ -18,7 +18,8 @@ from autonomy.events import DeadlineReached
 from autonomy.geometry import LocalFrame
 from autonomy.memory import UnfitMemoryError
 from autonomy.planning.survey import SurveyArea
-from autonomy.shell.checkpoint import MAGIC, Checkpoint, CheckpointError, Store, decode, encode, fits
+from autonomy.shell.checkpoint import MAGIC, Checkpoint, CheckpointError, decode, encode, fits
+from autonomy.shell.checkpoint_store import Store
 from autonomy.shell.resumption import Continuity
 
 CONFIGURATION = Configuration.model_validate(
@@ -68,6 +69,7 @@ def damaged(draw: st.DrawFn) -> bytes:
     return bytes(data)
 
 
+@settings(deadline=None)
 @given(damaged())
 def test_damage_is_noticed(data: bytes) -> None:
     if data == SOUND:  # two flips that undid each other
@@ -76,6 +78,7 @@ def test_damage_is_noticed(data: bytes) -> None:
         decode(data)
 
 
+@settings(deadline=None)
 @given(damaged(), st.booleans())
 def test_the_service_starts_all_the_same(data: bytes, has_older: bool) -> None:
     with tempfile.TemporaryDirectory() as name:
@@ -120,6 +123,7 @@ JUNK = (
 )
 
 
+@settings(deadline=None)
 @given(st.sampled_from(WAYS), JUNK)
 def test_nonsense_with_the_right_digest_is_refused_or_harmless(way: tuple[Any, ...], junk: Any) -> None:
     """Of the decoder's own errors only; what it takes is a core, if perhaps a confused one."""

@@ -23,7 +23,8 @@ from autonomy.effects import Effect
 from autonomy.events import Event, LinkDown
 from autonomy.geometry import LocalFrame
 from autonomy.planning.survey import SurveyArea
-from autonomy.shell.checkpoint import Store, decode, fits
+from autonomy.shell.checkpoint import decode, fits
+from autonomy.shell.checkpoint_store import Store
 from autonomy.shell.journal import Journal, make_header
 from autonomy.shell.journal_files import Position
 from autonomy.shell.resumption import (

@@ -17,8 +17,9 @@ from autonomy.events import DeadlineReached, Event, LinkDown, LinkUp
 from autonomy.geometry import LocalFrame
 from autonomy.planning.survey import SurveyArea
 from autonomy.replay import CoreRaisedError, replay
-from autonomy.shell import checkpoint as files
-from autonomy.shell.checkpoint import Checkpoint, CheckpointError, Store, decode, encode, fits
+from autonomy.shell import checkpoint_store as files
+from autonomy.shell.checkpoint import Checkpoint, CheckpointError, decode, encode, fits
+from autonomy.shell.checkpoint_store import Store
 from autonomy.shell.journal import Journal, make_header
 from autonomy.shell.journal_alone import Beginning, beginning
 from autonomy.shell.journal_files import Position
@@ -542,7 +543,7 @@ def test_other_keys_may_change_meanwhile() -> None:
     assert fits(other, SURVEY) == WANTED
     changed = Core(other, SURVEY)
     changed.restore(decode(encode(sample())).memory)
-    assert changed._exploration._section.rho0 == 0.3
+    assert changed._replanning._exploration._section.rho0 == 0.3
     assert changed._reporter._model_schedule.period_s == 9.0
 
 

@@ -1,0 +1,68 @@
+"""Checkpoints on their way to the disk, which the control loop does not wait for."""
+
+import logging
+import threading
+from collections.abc import Callable
+
+from autonomy.shell.checkpoint import Checkpoint
+from autonomy.shell.checkpoint_store import Store
+from autonomy.shell.journal_files import Position
+
+log = logging.getLogger(__name__)
+
+
+class Keeper:
+    """Writes checkpoints in a thread of its own; one that is not written yet gives way to a newer one.
+
+    Before one is written, `sync` has the journal put on the disk up to its position: or after a power cut the
+    checkpoint would know what the journal does not, and no replay could come to the same.
+
+    To be used from one thread. `trouble` is why the last one could not be written, empty if it was.
+    """
+
+    def __init__(self, store: Store, sync: Callable[[Position], object] = lambda position: None) -> None:
+        self._store = store
+        self._sync = sync
+        self._waiting: Checkpoint | None = None
+        self._closing = False
+        self._changed = threading.Condition()
+        self.trouble = ""
+        self.written = 0
+        self._thread = threading.Thread(target=self._work, name="checkpoint", daemon=True)
+        self._thread.start()
+
+    def keep(self, checkpoint: Checkpoint) -> None:
+        """Have it written; returns at once."""
+        with self._changed:
+            self._waiting = checkpoint
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Write what waits, and end."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        self._thread.join()
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting is not None or self._closing)
+                checkpoint, self._waiting = self._waiting, None
+            if checkpoint is None:
+                return
+            self._write(checkpoint)
+
+    def _write(self, checkpoint: Checkpoint) -> None:
+        if checkpoint.position is not None:
+            self._sync(checkpoint.position)
+        try:
+            size = self._store.save(checkpoint)
+        except (OSError, TypeError, ValueError) as error:
+            if str(error) != self.trouble:
+                log.error("no checkpoint could be written: %s", error)
+            self.trouble = str(error)
+            return
+        self.trouble = ""
+        self.written += 1
+        log.debug("checkpoint %d: %d bytes", checkpoint.number, size)
