@@ -11,6 +11,7 @@ from autonomy.mavlink.rover import AUTO
 from autonomy.mavlink.signing import Signing, SigningKey
 from autonomy.mavlink.telemetry import Telemetry, VehicleState
 from autonomy.shell.transport import Transport
+from autonomy.shell.transports import open_transport
 
 _GROUND_STATION_ID = 255
 _TURN_S = 0.5
@@ -40,7 +41,7 @@ class Operator:
 
     async def run(self) -> None:
         """Keep the link; start the survey when it can be started. Ends by cancellation."""
-        self._transport = Transport.open(self._endpoint, self._received, lambda: None, lambda _reason: None)
+        self._transport = open_transport(self._endpoint, self._received, lambda: None, lambda _reason: None)
         try:
             while True:
                 self._send(

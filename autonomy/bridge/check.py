@@ -10,7 +10,7 @@ from autonomy.bridge.lines import LineSplitter
 from autonomy.bridge.recorded import read_recorded
 from autonomy.bridge.sections import ValueSection
 from autonomy.bridge.translator import Translator
-from autonomy.shell.transport import Transport
+from autonomy.shell.transports import open_transport
 
 
 class Checker:
@@ -79,7 +79,7 @@ async def check_instrument(configuration: BridgeConfiguration, most: int, second
     sys.stderr.write(f"listening to {instrument.endpoint} for {seconds:g} s\n")
     is_stream = not instrument.endpoint.startswith("udp")
     splitter = LineSplitter(is_stream=is_stream, data_bits=instrument.data_bits)
-    port = Transport.open(instrument.endpoint, received, on_up=splitter.restart, on_down=became)
+    port = open_transport(instrument.endpoint, received, on_up=splitter.restart, on_down=became)
     try:
         async with asyncio.timeout(seconds):
             await enough.wait()

@@ -16,6 +16,7 @@ from autonomy.mavlink.codec import Codec
 from autonomy.shell.signed_link import SignedLink
 from autonomy.shell.systemd import Notifier
 from autonomy.shell.transport import Backoff, Transport
+from autonomy.shell.transports import open_transport
 
 log = logging.getLogger("autonomy.bridge")
 
@@ -68,7 +69,7 @@ class BridgeDaemon:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, stop.set)
         self._bridge = Bridge(self._configuration, loop.time())
-        self._vehicle = Transport.open(
+        self._vehicle = open_transport(
             self._configuration.mavlink.endpoint,
             on_bytes=self._on_vehicle,
             on_up=lambda: log.info("link to the vehicle: %s", self._configuration.mavlink.endpoint),
@@ -118,7 +119,7 @@ class BridgeDaemon:
 
     def _open_port(self) -> Transport:
         instrument = self._configuration.instrument
-        port = Transport.open(
+        port = open_transport(
             instrument.endpoint,
             on_bytes=self._on_instrument,
             on_up=self._port_up,

@@ -10,7 +10,7 @@ from autonomy.config import MavlinkSection
 from autonomy.mavlink.codec import Codec, DecodingCounters
 from autonomy.mavlink.signing import Signing, read_key, told
 from autonomy.preflight.conversation import Conversation
-from autonomy.shell.transport import Transport
+from autonomy.shell.transports import open_transport
 
 _STEP_S = 0.05
 _PROVISIONAL_SYSTEM_ID = 1
@@ -70,7 +70,7 @@ async def listen(
         trouble[0] = text
 
     began_s = loop.time()
-    transport = Transport.open(section.endpoint, received, on_up=lambda: became(""), on_down=became)
+    transport = open_transport(section.endpoint, received, on_up=lambda: became(""), on_down=became)
     try:
         while loop.time() < began_s + seconds and not until():
             await asyncio.sleep(_STEP_S)

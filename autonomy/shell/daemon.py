@@ -39,6 +39,7 @@ from autonomy.shell.resumption import Continuity
 from autonomy.shell.signed_link import SignedLink
 from autonomy.shell.systemd import Notifier
 from autonomy.shell.transport import Transport
+from autonomy.shell.transports import open_transport
 from autonomy.shell.worker import Worker
 from autonomy.wire import HealthNotice, PlanNotice
 from autonomy.wire_commands import STATUS, read_token
@@ -141,7 +142,7 @@ class Daemon:
         if self._continuity is not None:
             self._continuity.begin(self._journal)
         try:
-            self._transport = Transport.open(
+            self._transport = open_transport(
                 self._configuration.mavlink.endpoint,
                 on_bytes=self._received,
                 on_up=lambda: self._happened(LinkUp()),

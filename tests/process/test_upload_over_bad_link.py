@@ -17,7 +17,7 @@ from autonomy.mavlink.codec import Codec
 from autonomy.mavlink.companion import heartbeat
 from autonomy.mavlink.mission import MissionTransfer, Route, Verified, time_scale, waypoint
 from autonomy.mavlink.telemetry import Telemetry
-from autonomy.shell.transport import Transport
+from autonomy.shell.transports import open_transport
 from sim.link import BadLink, UdpProxy
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -46,7 +46,7 @@ class Companion:
         self.codec = Codec(1, 191)
         self.telemetry = Telemetry("SALT")
         self.transfer: MissionTransfer | None = None
-        self.transport = Transport.open(endpoint, self._received, lambda: None, lambda reason: None)
+        self.transport = open_transport(endpoint, self._received, lambda: None, lambda reason: None)
         self._loop = asyncio.get_running_loop()
 
     def send(self, messages: list[Any]) -> None:

@@ -10,6 +10,7 @@ from contextlib import suppress
 import pytest
 
 from autonomy.shell.transport import Backoff, Transport
+from autonomy.shell.transports import open_transport
 
 QUICK = Backoff(first_s=0.01, longest_s=0.05)
 
@@ -42,7 +43,7 @@ class Recorder:
                 await self._changed.wait()
 
     def open(self, endpoint: str) -> Transport:
-        return Transport.open(endpoint, self.on_bytes, self.on_up, self.on_down, QUICK)
+        return open_transport(endpoint, self.on_bytes, self.on_up, self.on_down, QUICK)
 
 
 def run(test: Callable[[Recorder], Awaitable[None]]) -> None:
