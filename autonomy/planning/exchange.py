@@ -28,7 +28,6 @@ def select_by_exchange(
     *,
     seed: int = 0,
     first: Sequence[Sequence[int]] = (),
-    loyalty: float = 0.0,
     noise_variance: float | None = None,
 ) -> Selection:
     """A set of n sites that no single swap improves: the best of several in true mutual information.
@@ -42,7 +41,6 @@ def select_by_exchange(
         n: how many sites, 1 … N.
         seed: of the random first choices.
         first: more choices to begin from, each of distinct sites; short ones are filled up greedily, long ones cut.
-        loyalty: share of the mutual information that may be given up for what comes of the first of the given choices.
         noise_variance: that S includes, for the selection's other figures.
 
     Raises:
@@ -58,8 +56,6 @@ def select_by_exchange(
     refined = [np.sort(_refined(covariance, Lambda, start)).tolist() for start in starts]
     found = [selection_of(covariance, Lambda, sites, None, noise_variance) for sites in refined]
     best = max(each.mutual_information for each in found)
-    if first and found[0].mutual_information >= (1.0 - loyalty) * best:
-        return found[0]
     # Of equals the first: a given choice, then the greedy one.
     return next(each for each in found if each.mutual_information >= best - _TIE_NATS)
 

@@ -1,4 +1,4 @@
-"""Spots of high mutual information by exchange on a short tour; those of the last plan that are left are kept."""
+"""Spots of high mutual information by exchange on a short tour, which is sailed to its end while it is worth it."""
 
 import numpy as np
 
@@ -22,14 +22,17 @@ from autonomy.planning.tour import open_tour
 
 NAME = "spots"
 
-_LOYALTY = 0.02
-"""Of the mutual information: what is given up for not changing course."""
+_LOYALTY = 0.1
+"""Of the mutual information of as many spots elsewhere: what is given up for sailing a tour to its end."""
 
 _HERE_M = 1.0
 
 
 def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
-    """Spots refined by exchange, first of all those of the previous plan not visited yet, on an open tour over water.
+    """Spots refined by exchange on an open tour over water; those left of the previous one while hardly any tell more.
+
+    Every plan has all the water before it, and leaves what is far to its end: with a new tour at every re-estimate the
+    vessel would never come there, nor back to where it has been, and would not see that the field moves.
 
     If the tour is longer than the budget allows, spots are dropped, those first that tell least for the metres they
     cost, until it fits.
@@ -57,15 +60,22 @@ def plan(request: PlanRequest, survey: SurveyArea) -> Plan:
 
 
 def _select(request: PlanRequest, survey: SurveyArea, sites: FloatArray, S: FloatArray) -> list[int]:
+    """The spots to visit: those that are left of the previous plan, or as many as are wanted."""
     n = max(1, min(request.spots, len(sites) - 1))
-    kept = _not_yet_visited(request, survey, sites)
+    left = _not_yet_visited(request, survey, sites)
     try:
-        selection = select_by_exchange(
-            S, n, seed=request.seed, first=[kept] if kept else [], loyalty=_LOYALTY
-        )
+        if 0 < len(left) <= n and _tell_enough(S, left, request.seed):
+            return left
+        selection = select_by_exchange(S, n, seed=request.seed, first=[left] if left else [])
     except ValueError as error:
         raise PlanningError(f"the model's covariance cannot be planned with: {error}") from error
     return list(selection.sites)
+
+
+def _tell_enough(S: FloatArray, left: list[int], seed: int) -> bool:
+    """Whether no other spots, of the same number, tell much more."""
+    others = select_by_exchange(S, len(left), seed=seed, first=[left])
+    return mutual_information(S, left) >= (1.0 - _LOYALTY) * others.mutual_information
 
 
 def _not_yet_visited(request: PlanRequest, survey: SurveyArea, sites: FloatArray) -> list[int]:
