@@ -7,9 +7,7 @@ ours the authority's table says alone, so that the boat's own mode switch goes b
     he has taken it and given it back          what stood (pause, finish, return) is over: he has decided otherwise
     the budget brings it home                  it stays so; nothing is paused or resumed
 
-What lasts is a wish, which `step` sees carried out, again if need be: pause (no plans; the mission on board is cut to
-the leg being sailed, or in `full` the boat told to hold), finish (no plans; at the end of the present path home),
-return (home at once). The newest replaces the one before, `resume` ends it.
+What lasts is a wish: `Wishes` sees it carried out. `resume` ends it.
 """
 
 from collections.abc import Callable
@@ -25,18 +23,13 @@ from autonomy.helm import Helm
 from autonomy.homeward import Homeward
 from autonomy.mavlink.authority import OnBoard
 from autonomy.mavlink.authority_table import Action, Command
-from autonomy.mavlink.rover import AUTO, mode_name
+from autonomy.mavlink.rover import mode_name
 from autonomy.planning.passage import Unreachable
 from autonomy.planning.plan import Plan
 from autonomy.reporting import Reporter
 from autonomy.seaway import Seaway
 from autonomy.situation import Situation, Wish
-
-START_S = 60.0
-"""A boat that has not started so long after `start`, or gone on after `resume`, does not: nobody expects it by then."""
-
-AGAIN_S = 30.0
-"""Pause before a leg that did not come on board is sent again."""
+from autonomy.wishes import Wishes
 
 _Verdict = tuple[bool, str]
 """Whether it is done, and what was done or why not."""
@@ -55,17 +48,13 @@ class Directives:
         situation: Situation,
         reporter: Reporter,
     ) -> None:
-        self._authority_section = configuration.authority
+        self._is_full = configuration.authority.mode == "full"
         self._helm, self._seaway, self._homeward = helm, seaway, homeward
-        self._course, self._situation, self._reporter = course, situation, reporter
+        self._situation, self._reporter = situation, reporter
+        self._wishes = Wishes(configuration, helm, homeward, course, situation, reporter)
         self._memory = CommandMemory()
         self._answers: list[tuple[float, CommandReceived, Outcome, str]] = []
         self._repeated: list[Answer] = []
-        self._away = self._holds = False
-        self._not_before = 0.0
-        self._start_until: float | None = None
-        self._go_on_until: float | None = None
-        self._words: list[str] = []
         self._replan = False
         self.milestones = 0
         """How many commands were answered for good: worth remembering at once."""
@@ -123,95 +112,11 @@ class Directives:
 
     def take_words(self) -> list[str]:
         """What the operator at the boat must hear, since the last call."""
-        words, self._words = self._words, []
-        return words
+        return self._wishes.take_words()
 
     def step(self, now: float) -> Plan | None:
         """See that what was asked for is done; returns a plan to bring on board."""
-        helm = self._helm
-        if helm.authority.in_command and helm.position_m is not None:
-            self._homeward.begins_at(helm.position_m)
-        self._watch_start(now)
-        self._watch_going_on(now)
-        wish = self._situation.wish
-        if wish is None:
-            return None
-        if not helm.authority.survey_started:
-            # Its autopilot began anew, or its mission was cleared: another comes on board, and nobody has let it go on.
-            if self._authority_section.mode == "full":
-                helm.authority.allow_start(False)
-            self._end("the survey has to be started again")
-        elif self._was_taken():
-            self._end("the operator has taken the boat and given it back")
-        elif self._homeward.reason and not self._homeward.is_sent:
-            if wish is not Wish.RETURN:
-                self._end(self._homeward.reason)
-        elif wish is Wish.FINISH and helm.path_finished:
-            self._homeward.send(Wish.FINISH.value)
-        elif wish is Wish.PAUSE:
-            return self._cut(now)
-        return None
-
-    def _watch_start(self, now: float) -> None:
-        """Told to start, a boat does so once, and not when nobody expects it any more."""
-        authority = self._helm.authority
-        if self._start_until is None or not (authority.survey_started or now >= self._start_until):
-            return
-        self._start_until = None
-        authority.allow_start(False)
-        if not authority.survey_started:
-            self._warn(f"not started in {START_S:.0f} s", "it waits for another start")
-
-    def _watch_going_on(self, now: float) -> None:
-        """A boat that holds, and was told to go on, does so soon or not at all."""
-        authority, vehicle = self._helm.authority, self._helm.state
-        if self._go_on_until is None or vehicle is None:
-            return
-        if authority.command is not Command.HELD:
-            self._go_on_until = None
-            if not authority.survey_started:
-                authority.allow_start(False)  # begun anew, or its mission was cleared: that was not asked for
-        elif now >= self._go_on_until:
-            self._go_on_until = None
-            authority.hold_again(vehicle)
-            self._wish(Wish.PAUSE)
-            self._holds = True
-            self._warn(f"not gone on in {START_S:.0f} s", "it holds again")
-
-    def _warn(self, problem: str, consequence: str) -> None:
-        self._reporter.log(Level.WARNING, f"the boat has {problem}: {consequence}")
-        self._words.append(problem)
-
-    def _was_taken(self) -> bool:
-        """Whether somebody has taken the boat since the wish was uttered, or selected AUTO while it held."""
-        authority, vehicle = self._helm.authority, self._helm.state
-        ours = authority.in_command or authority.is_held
-        if vehicle is not None and not ours and (vehicle.mode != AUTO or not vehicle.armed):
-            self._away = True
-        let_go = self._holds and self._situation.wish is Wish.PAUSE
-        return authority.in_command and (self._away or let_go)
-
-    def _cut(self, now: float) -> Plan | None:
-        """The leg being sailed, if more than that is on board."""
-        helm = self._helm
-        if helm.dispatch.busy or now < self._not_before or not (helm.sailing_ours or helm.has_damaged_ours):
-            return None
-        leg = self._course.leg(Wish.PAUSE.value)
-        if leg is not None:
-            self._not_before = now + AGAIN_S
-        return leg
-
-    def _wish(self, wish: Wish | None) -> None:
-        if self._situation.wish is not wish:
-            self._homeward.call_off()
-        self._situation.wish = wish
-        self._away, self._holds, self._not_before = False, False, 0.0
-
-    def _end(self, reason: str) -> None:
-        assert self._situation.wish is not None
-        text = f"{self._situation.wish.value}: that is over: {reason}"
-        self._reporter.log(Level.INFO, text)
-        self._wish(None)
+        return self._wishes.step(now)
 
     # The verbs ------------------------------------------------------------------------------------------------
 
@@ -263,15 +168,13 @@ class Directives:
             return False, "the survey has ended at home: disarm the boat, and the next start begins another"
         if authority.survey_started:
             return True, "it has been started already"
-        if self._authority_section.mode != "full":
+        if not self._is_full:
             return False, "authority.mode is missions: the operator arms the boat and selects AUTO"
         if authority.was_ever_taken:
             return False, "the operator has taken the boat: he starts it again himself"
         if vehicle is None or not authority.is_ready(vehicle):
             return False, f"it is not ready: {self._unready()}"
-        if authority.waits_for_start or self._start_until is not None:
-            self._start_until = now + START_S
-        authority.allow_start(True)
+        self._wishes.let_start(now)
         return True, "AUTO is selected and the boat armed"
 
     def _unready(self) -> str:
@@ -280,11 +183,9 @@ class Directives:
         return "the autopilot is not sure of its position yet"
 
     def _pause(self, _now: float) -> _Verdict:
-        authority, vehicle = self._helm.authority, self._helm.state
-        is_full = self._authority_section.mode == "full"
-        if is_full and not authority.survey_started:
-            authority.allow_start(False)
-            self._start_until = None
+        authority = self._helm.authority
+        if self._is_full and not authority.survey_started:
+            self._wishes.keep_from_starting()
             return True, "the boat does not start before it is told to"
         hindrance = self._not_under_way()
         if hindrance is not None:
@@ -293,13 +194,11 @@ class Directives:
             return False, "the boat is on its way home as it was asked to: resume the survey first"
         if self._situation.wish is Wish.PAUSE:
             return True, "it is paused already"
-        if is_full:
-            if vehicle is None or not authority.hold(vehicle):
+        if self._is_full:
+            if not self._wishes.hold():
                 return False, f"the boat can't be held: {authority.reason}"
-            self._wish(Wish.PAUSE)
-            self._holds = True
             return True, "nothing is planned any more; the boat is told to hold"
-        self._wish(Wish.PAUSE)
+        self._wishes.utter(Wish.PAUSE)
         return True, "nothing is planned any more; the boat sails its leg to the end, and stays there"
 
     def _resume(self, now: float) -> _Verdict:
@@ -309,17 +208,10 @@ class Directives:
         if self._situation.wish is None:
             return True, "the survey goes on already"
         ended = self._situation.wish.value
-        self._let_go(now)
-        self._wish(None)
+        self._wishes.let_go(now)
+        self._wishes.utter(None)
         self._replan = True
         return True, f"the survey goes on, from where the boat is (it was {ended})"
-
-    def _let_go(self, now: float) -> None:
-        """A boat that holds is set in motion again."""
-        authority, vehicle = self._helm.authority, self._helm.state
-        if vehicle is not None and authority.command is Command.HELD:
-            authority.release(vehicle)
-            self._go_on_until = now + START_S
 
     def _plan_anew(self, _now: float) -> _Verdict:
         authority = self._helm.authority
@@ -340,8 +232,8 @@ class Directives:
         hindrance = self._not_under_way() or self._homeless()
         if hindrance is not None:
             return False, hindrance
-        self._let_go(now)
-        self._wish(Wish.FINISH)
+        self._wishes.let_go(now)
+        self._wishes.utter(Wish.FINISH)
         return True, "the present path is sailed to its end, and then the way home"
 
     def _return(self, now: float) -> _Verdict:
@@ -353,8 +245,8 @@ class Directives:
         hindrance = self._not_under_way() or self._homeless()
         if hindrance is not None:
             return False, hindrance
-        self._let_go(now)
-        self._wish(Wish.RETURN)
+        self._wishes.let_go(now)
+        self._wishes.utter(Wish.RETURN)
         self._homeward.send(Wish.RETURN.value)
         return True, "the boat goes home at once, over water"
 
