@@ -1,86 +1,30 @@
-"""Going on where an earlier run ended: newest sound checkpoint, the journal's records since, and whatever went wrong.
-
-A record that has crashed the core is tried no second time: it is quarantined, and said to be. If the core crashes
-again and again all the same, or does not get as far as to handle a few records, what it knows is to blame: then the
-older checkpoint is gone on from, then the journal alone, and in the end nothing. So it is where checkpoints are of
-another version of the software: the journal's events outlast it.
-"""
+"""Going on where an earlier run ended, and keeping what this one knows for the next."""
 
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from autonomy.config import CheckpointSection, Configuration
 from autonomy.core import Core
-from autonomy.memory import UnfitMemoryError
 from autonomy.planning.survey import SurveyArea
-from autonomy.records import Resumed
+from autonomy.shell.awakening import Awakening
 from autonomy.shell.checkpoint import Checkpoint, fits
 from autonomy.shell.checkpoint_keeper import Keeper
 from autonomy.shell.checkpoint_store import Store
 from autonomy.shell.journal import Journal
-from autonomy.shell.journal_alone import Beginning, beginning
-from autonomy.shell.journal_files import JournalError, Position, Recorded, read_from
+from autonomy.shell.journal_files import Position
+from autonomy.shell.moment import Moment
 from autonomy.shell.state_directory import state_directory
-from autonomy.shell.trials import JOURNAL, PROVED_BY, Trials
+from autonomy.shell.trials import Trials
 
 log = logging.getLogger(__name__)
 
-CRASHES_PER_CHECKPOINT = 3
-"""So many crashes in a row, none of them after `HEALTHY_S`, and what was gone on from is given up."""
-
-FAILURES_PER_CHECKPOINT = 3
-"""The same of runs that have come to nothing: they ended before they had handled a few records."""
-
-POISONED_RECORDS = 3
-"""So many records, none of which the core survives as the first that it is told, and they are not to blame."""
-
 HEALTHY_S = 60.0
-REPLAY_S = 30.0
-"""Longest time spent on the journal's records: the service manager waits for the service, the boat for both."""
+"""A run that has lasted so long has gone well."""
 
 SYNC_S = 5.0
 """Longest wait for the journal before a checkpoint: if its disk refuses, the checkpoint is made all the same."""
-
-_QUICK_S = 1.0
-_QUARANTINES_PER_START = 20
-_LONGEST_AWAY_S = 30 * 86400.0
-
-
-@dataclass(frozen=True)
-class Moment:
-    """A time by protocol clock and wall clock, and the boot of the machine in which the former was."""
-
-    now: float
-    utc_s: float
-    boot: str
-
-    @staticmethod
-    def present() -> "Moment":
-        """This moment."""
-        boot = Path("/proc/sys/kernel/random/boot_id")
-        return Moment(time.monotonic(), time.time(), boot.read_text().strip() if boot.exists() else "")
-
-    def since(self, earlier: "Moment") -> float:
-        """Seconds since an earlier moment: by the protocol clock if it ran on, else by the wall clock, at least 0."""
-        same = self.boot == earlier.boot and self.boot != "" and self.now >= earlier.now
-        passed_s = self.now - earlier.now if same else self.utc_s - earlier.utc_s
-        return min(max(0.0, passed_s), _LONGEST_AWAY_S)
-
-
-class _PoisonError(Exception):
-    """A record has crashed the core."""
-
-    def __init__(self, at: Position, error: Exception) -> None:
-        super().__init__(f"{type(error).__name__}: {error}")
-        self.at = at
-
-
-class _SpoiltError(Exception):
-    """What was gone on from is of no use; says why."""
 
 
 class Continuity:
@@ -102,33 +46,26 @@ class Continuity:
         wanted: Mapping[str, str],
         journal_folder: Path | None = None,
     ) -> None:
-        self._make_core = make_core
         self._section = section
         self._store = store
         self._wanted = wanted
-        self._folder = journal_folder
         self._trials = Trials(store.folder, store.write)
-        self._left_out: list[Position] = []
-        self._doubtful: list[Position] = []
-        self._handled = 0
+        self._past = Awakening(make_core, store, wanted, journal_folder, self._trials)
+        self._number = self._past.number
         self._keeper: Keeper | None = None
-        self._number = 0
         self._unmade = ""
         self._began = time.monotonic()
-        self._position: Position | None = None
-        self._last: Moment | None = None
-        self._slow = False
-        self.core = self._awaken()
+        self.core = self._past.core
 
     @property
     def resumed(self) -> Position | None:
         """The journal's record up to which earlier runs have made the core; None if none have."""
-        return self._position
+        return self._past.position
 
     @property
     def left_out(self) -> Sequence[Position]:
         """Just after each record that was left out when the core was made, since it is quarantined."""
-        return tuple(self._left_out)
+        return tuple(self._past.left_out)
 
     @property
     def period_s(self) -> float:
@@ -149,8 +86,8 @@ class Continuity:
         )
         present = Moment.present()
         self._began = present.now
-        if self._last is not None:
-            away_s = present.since(self._last)
+        if self._past.last is not None:
+            away_s = present.since(self._past.last)
             if journal is not None:
                 journal.resumed(present.now, away_s)
             self.core.resume(present.now, away_s)
@@ -159,7 +96,7 @@ class Continuity:
             # Then nobody tells which records are handled.
             self._trials.proved()
         # While the core keeps crashing the checkpoints from before it did are not replaced.
-        if self._last is None or (self._slow and not self._trials.crashes):
+        if self._past.last is None or (self._past.was_slow and not self._trials.crashes):
             self.keep(journal)
 
     def keep(self, journal: Journal | None) -> None:
@@ -194,7 +131,7 @@ class Continuity:
         """The core is about to be told the record just before `at`; None: it has been."""
         self._trials.mark.set(at)
         if at is None:
-            self._count_handled()
+            self._trials.handled_one()
 
     def crashed(self, journal: Journal | None) -> None:
         """The core has raised on the record just written: it is not tried again."""
@@ -207,172 +144,6 @@ class Continuity:
         self._trials.mark.close()
         if self._keeper is not None:
             self._keeper.close()
-
-    def _awaken(self) -> Core:
-        checkpoints = self._store.load(self._wanted)
-        self._number = max((each.number for each in checkpoints), default=0)
-        spoilt = self._trials.source == JOURNAL or self._store.is_spoilt
-        for i, checkpoint in enumerate(checkpoints):
-            try:
-                core = self._gone_on(f"checkpoint {checkpoint.number}", partial(self._restored, checkpoint))
-            except UnfitMemoryError as error:
-                self._store.reject(checkpoint, f"it does not fit this software: {error}")
-                spoilt = True
-                continue
-            except _SpoiltError as error:
-                self._store.reject(checkpoint, str(error))
-                self._trials.gave_up()
-                spoilt = True
-                continue
-            if i:
-                log.error("went on from the older of two checkpoints")
-            return core
-        taught = self._from_journal() if spoilt else None
-        return self._anew() if taught is None else taught
-
-    def _from_journal(self) -> Core | None:
-        """A new core, told what the journal has; None if that is nothing, or has been tried in vain."""
-        if self._folder is None or not self._folder.is_dir():
-            log.error("there is no journal to go on from either")
-            return None
-        if self._trials.journal_tried and self._trials.source != JOURNAL:
-            log.error("the journal alone is not gone on from again: what it led to was of no use either")
-            return None
-        start = beginning(self._folder, self._wanted)
-        if start is None:
-            log.error("the journal has no run that fits: it is not gone on from")
-            return None
-        try:
-            core = self._gone_on(JOURNAL, partial(self._untaught, start))
-        except _SpoiltError as error:
-            log.error("%s is not gone on from; it is kept: %s", JOURNAL, error)
-            return None
-        log.error("went on from %s: what was learnt before it begins is lost", JOURNAL)
-        return core
-
-    def _anew(self) -> Core:
-        self._trials.began_anew()
-        self._trials.proved()
-        self._position = self._last = None
-        self._left_out.clear()
-        log.info("no earlier run is gone on from: nothing is known yet")
-        return self._make_core()
-
-    def _gone_on(self, source: str, make: Callable[[], Core]) -> Core:
-        """The core that `make` makes, after all records since; what crashes it is quarantined on the way.
-
-        Raises:
-            _SpoiltError: it is not this or that record which crashes it, now or in the last runs.
-            UnfitMemoryError: from `make`.
-        """
-        trials = self._trials
-        if trials.crashes >= CRASHES_PER_CHECKPOINT:
-            raise _SpoiltError(f"the service has crashed {trials.crashes} times in a row")
-        if trials.source == source and trials.failures >= FAILURES_PER_CHECKPOINT:
-            raise _SpoiltError(f"going on from it has come to nothing {trials.failures} times in a row")
-        trials.going_on(source)
-        for _ in range(_QUARANTINES_PER_START):
-            core = self._made(make)
-            try:
-                self._replay(core)
-            except _PoisonError as poison:
-                self._doubt(poison)
-            else:
-                self._quarantine_doubtful()
-                return core
-        log.error("too many records crash the core: all since the checkpoint are left out")
-        return self._made(make)
-
-    def _made(self, make: Callable[[], Core]) -> Core:
-        try:
-            return make()
-        except UnfitMemoryError:
-            raise
-        except Exception as error:
-            raise _SpoiltError(f"it crashes the core: {type(error).__name__}: {error}") from error
-
-    def _doubt(self, poison: _PoisonError) -> None:
-        """A record has crashed the core: it is to blame, unless the core survives no record at all."""
-        log.error(
-            "record %d of run %d crashes the core and is left out from now on: %s", *_place(poison.at), poison
-        )
-        self._doubtful.append(poison.at)
-        if self._handled:
-            self._quarantine_doubtful()
-        elif len(self._doubtful) >= POISONED_RECORDS:
-            count = len(self._doubtful)
-            self._doubtful.clear()
-            raise _SpoiltError(
-                f"the next {count} records crash the core each, and are not to blame: {poison}"
-            )
-
-    def _quarantine_doubtful(self) -> None:
-        for at in self._doubtful:
-            self._trials.quarantine(at)
-        self._doubtful.clear()
-
-    def _restored(self, checkpoint: Checkpoint) -> Core:
-        core = self._make_core()
-        core.restore(checkpoint.memory)
-        self._from(checkpoint.position, Moment(checkpoint.now, checkpoint.utc_s, checkpoint.boot))
-        return core
-
-    def _untaught(self, start: Beginning) -> Core:
-        self._from(start.position, Moment(start.now, start.utc_s, ""))
-        return self._make_core()
-
-    def _from(self, position: Position | None, last: Moment) -> None:
-        self._position, self._last = position, last
-        self._left_out.clear()
-        self._handled = 0
-
-    def _count_handled(self) -> None:
-        self._handled += 1
-        if self._handled == PROVED_BY:
-            self._trials.proved()
-
-    def _replay(self, core: Core) -> None:
-        """Tell the core what happened since; what it asks for was done, or is too late."""
-        if self._folder is None or self._position is None or not self._folder.is_dir():
-            return
-        began, count = time.monotonic(), 0
-        try:
-            for recorded in read_from(self._folder, self._position):
-                if time.monotonic() - began > REPLAY_S:
-                    log.error("%d records were replayed; the rest would take too long and is left out", count)
-                    break
-                self._position = recorded.position
-                if recorded.position in self._doubtful or recorded.position in self._trials.quarantined:
-                    log.error("record %d of run %d is quarantined", *_place(recorded.position))
-                    self._left_out.append(recorded.position)
-                    continue
-                self._tell(core, recorded.position, recorded.now, recorded.event)
-                count += 1
-                self._count_handled()
-                self._follow(recorded)
-        except (JournalError, OSError) as error:
-            log.error("the journal can't be replayed any further: %s", error)
-        self._trials.mark.set(None)
-        took_s = time.monotonic() - began
-        self._slow = took_s > _QUICK_S
-        log.info("replayed %d records in %.1f s", count, took_s)
-
-    def _tell(self, core: Core, at: Position, now: float, event: object) -> None:
-        self._trials.mark.set(at)
-        try:
-            if isinstance(event, Resumed):
-                core.resume(event.now, event.away_s)
-            else:
-                core.handle(now, event)  # type: ignore[arg-type]
-        except Exception as error:
-            raise _PoisonError(at, error) from error
-
-    def _follow(self, recorded: Recorded) -> None:
-        """This is the last event that the core has heard of."""
-        assert self._last is not None
-        event, now = recorded.event, recorded.now
-        passed_s = event.away_s if isinstance(event, Resumed) else max(0.0, now - self._last.now)
-        self._last = replace(self._last, now=now, utc_s=self._last.utc_s + passed_s)
 
 
 def open_continuity(
@@ -419,7 +190,3 @@ def open_continuity(
 def _within(state: Path | None, name: str) -> Path:
     assert state is not None
     return state / name
-
-
-def _place(position: Position) -> tuple[int, int]:
-    return position.sequence, position.run

@@ -97,6 +97,8 @@ class Trials:
         """Runs in a row that went on from it and ended before they had handled a few records."""
         self.journal_tried = False
         """Whether the journal alone has been gone on from, and no run has gone well since."""
+        self.handled = 0
+        """Records that the core has handled since it was made from the source."""
         self._suspect: Position | None = None
         self._read()
         self._suspect_marked()
@@ -125,6 +127,12 @@ class Trials:
     def proved(self) -> None:
         """It has handled a few records, or was stopped in order. Does not wait for the disk."""
         self.mark.set_unproved(unproved=False)
+
+    def handled_one(self) -> None:
+        """The core has handled another record."""
+        self.handled += 1
+        if self.handled == PROVED_BY:
+            self.proved()
 
     def gave_up(self) -> None:
         """What was gone on from is of no use; the next deserves as many trials."""

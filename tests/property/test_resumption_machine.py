@@ -23,16 +23,13 @@ from autonomy.effects import Effect
 from autonomy.events import Event, LinkDown
 from autonomy.geometry import LocalFrame
 from autonomy.planning.survey import SurveyArea
+from autonomy.shell.awakening import CRASHES_PER_CHECKPOINT, FAILURES_PER_CHECKPOINT
 from autonomy.shell.checkpoint import decode, fits
 from autonomy.shell.checkpoint_store import Store
 from autonomy.shell.journal import Journal, make_header
 from autonomy.shell.journal_files import Position
-from autonomy.shell.resumption import (
-    CRASHES_PER_CHECKPOINT,
-    FAILURES_PER_CHECKPOINT,
-    Continuity,
-    Moment,
-)
+from autonomy.shell.moment import Moment
+from autonomy.shell.resumption import Continuity
 
 CONFIGURATION = Configuration.model_validate(
     {"survey": {"area": [(33.4, -118.6), (33.4, -118.4), (33.6, -118.4), (33.6, -118.6)]}}

@@ -18,12 +18,14 @@ from autonomy.geometry import LocalFrame
 from autonomy.planning.survey import SurveyArea
 from autonomy.replay import CoreRaisedError, replay
 from autonomy.shell import checkpoint_store as files
+from autonomy.shell.awakening import CRASHES_PER_CHECKPOINT, FAILURES_PER_CHECKPOINT
 from autonomy.shell.checkpoint import Checkpoint, CheckpointError, decode, encode, fits
 from autonomy.shell.checkpoint_store import Store
 from autonomy.shell.journal import Journal, make_header
 from autonomy.shell.journal_alone import Beginning, beginning
 from autonomy.shell.journal_files import Position
-from autonomy.shell.resumption import CRASHES_PER_CHECKPOINT, FAILURES_PER_CHECKPOINT, Continuity, Moment
+from autonomy.shell.moment import Moment
+from autonomy.shell.resumption import Continuity
 from autonomy.shell.trials import PROVED_BY, Trials
 
 SETTINGS: dict[str, Any] = {
