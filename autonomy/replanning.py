@@ -1,4 +1,7 @@
-"""Re-planning: when the worker is asked for a plan, with what, and what becomes of its answer. One job at a time."""
+"""Re-planning: when the worker is asked for a plan, with what, and what becomes of its answer. One job at a time.
+
+A boat on its way home needs no plan, but goes on learning: then the worker is asked for a re-estimate alone.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -29,6 +32,21 @@ class _Job:
     job_id: int
     decision: Decision
     started: float
+
+
+def figures(learner: Learner, model_time_s: float, *, path_finished: bool = False) -> Figures:
+    """What the decision looks at, of a learner alone."""
+    return Figures(
+        model_time_s=model_time_s,
+        basis_size=len(learner.gp) if learner.born else 0,
+        capacity=learner.capacity,
+        fresh=learner.fresh_count,
+        replaced=learner.replaced_since_mark,
+        path_finished=path_finished,
+        cells=len(learner.history),
+        places=learner.history.places,
+        spread=learner.history.variance / learner.gp.kernel.signal_variance if learner.born else 0.0,
+    )
 
 
 class Replanning:
@@ -96,7 +114,7 @@ class Replanning:
     # Asking ---------------------------------------------------------------------------------------------------
 
     def decide(self, now: float) -> Decision | None:
-        """What to plan for now, if it is time to and the plan could be sailed."""
+        """What to ask the worker now, if it is time to: a plan that could be sailed, or a re-estimate."""
         helm = self._helm
         if self.is_busy or now < self._not_before or not self._situation.may_upload:
             return None
@@ -105,7 +123,7 @@ class Replanning:
         if helm.unread is not None or self._seaway.problem is not None or self._situation.is_lost(now):
             return None
         if (self._homeward.reason or self._situation.wish is not None) and helm.authority.survey_started:
-            return None
+            return self._decide_on_the_way_home(now)
         if helm.dispatch.active is None or not helm.authority.survey_started:
             return Decision(Trigger.FIRST_PLAN, False, Trigger.FIRST_PLAN.value)
         if not helm.sailing_ours:
@@ -113,14 +131,24 @@ class Replanning:
         if self._homeward.has_room:
             return Decision(Trigger.ROOM, False, Trigger.ROOM.value)
         if self._homeward.is_returning:
-            return None
+            return self._decide_on_the_way_home(now)
         if self._situation.is_deaf(now):
             # There is nothing new to plan with; fences and stalls are another matter.
             return self._owed
         return self._exploration.decide(self._figures()) or self._owed
 
+    def _decide_on_the_way_home(self, now: float) -> Decision | None:
+        """A re-estimate, if the readings ask for one; what is left of the path is none of its business."""
+        homeward = self._homeward
+        if not homeward.is_returning or homeward.is_finished or self._situation.is_deaf(now):
+            return None
+        if not self._learner.born:
+            return None
+        decision = self._exploration.decide(replace(self._figures(), path_finished=False, sailed_share=0.0))
+        return None if decision is None else replace(decision, plans=False)
+
     def start(self, now: float, decision: Decision) -> StartJob:
-        """What the worker is asked. RuntimeError if the vessel's position is not known yet."""
+        """What the worker is asked. RuntimeError if a plan is wanted and the vessel's position is not known yet."""
         self._jobs_started += 1
         configuration, learner = self._configuration, self._learner
         estimate = None
@@ -130,9 +158,8 @@ class Replanning:
             # In the paper every new path begins with rho = 0, re-estimate or not.
             learner.mark()
         planning = configuration.planning
-        request = jobs.ExploreRequest(
-            estimate, planning.planner, self._plan_request(decision), self._seaway.restrictions
-        )
+        plan = self._plan_request(decision) if decision.plans else None
+        request = jobs.ExploreRequest(estimate, planning.planner, plan, self._seaway.restrictions)
         self._job = _Job(self._jobs_started, decision, now)
         return StartJob(self._jobs_started, jobs.EXPLORE, request, planning.deadline_s)
 
@@ -164,17 +191,9 @@ class Replanning:
         return self._configuration.seed + self._jobs_started
 
     def _figures(self) -> Figures:
-        learner, active = self._learner, self._helm.dispatch.active
-        return Figures(
-            model_time_s=self._helm.model_time_s,
-            basis_size=len(learner.gp) if learner.born else 0,
-            capacity=learner.capacity,
-            fresh=learner.fresh_count,
-            replaced=learner.replaced_since_mark,
-            path_finished=self._helm.path_finished,
-            cells=len(learner.history),
-            places=learner.history.places,
-            spread=learner.history.variance / learner.gp.kernel.signal_variance if learner.born else 0.0,
+        active = self._helm.dispatch.active
+        return replace(
+            figures(self._learner, self._helm.model_time_s, path_finished=self._helm.path_finished),
             sailed_share=self._course.sailed_share,
             planner="" if active is None else active.plan.planner,
         )
@@ -187,8 +206,9 @@ class Replanning:
         if job is None or job.job_id != job_id:
             return None
         self._job = None
-        self._course.took(now - job.started, reestimated=job.decision.reestimate)
-        self._owed = replace(job.decision, reestimate=False)
+        if job.decision.plans:
+            self._course.took(now - job.started, reestimated=job.decision.reestimate)
+            self._owed = replace(job.decision, reestimate=False)
         if result.reestimate is not None:
             self._learner.adopt(result.reestimate)
             self._exploration.reestimated(self._helm.model_time_s, len(self._learner.history))

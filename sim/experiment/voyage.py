@@ -15,12 +15,13 @@ from autonomy.config import Configuration
 from autonomy.core import Core
 from autonomy.effects import Effect, Topic
 from autonomy.events import Event, JobFinished, StopRequested
-from autonomy.exploration import Exploration, Figures
+from autonomy.exploration import Exploration
 from autonomy.geometry import LocalFrame
 from autonomy.learning.learner import Learner
 from autonomy.planning.restrictions import restricted
 from autonomy.planning.survey import SurveyArea
 from autonomy.quality import Flag, refused_by
+from autonomy.replanning import figures
 from autonomy.situation import State
 from autonomy.wire import ObservationNotice
 from sim.autopilot import Autopilot, Options
@@ -250,15 +251,4 @@ def _samples(told: list[ObservationNotice], frame: LocalFrame) -> Samples:
 
 def _rho(learner: Learner, configuration: Configuration) -> float:
     """The paper's rho of the moment, by the configured rule."""
-    figures = Figures(
-        model_time_s=0.0,
-        basis_size=len(learner.basis),
-        capacity=learner.capacity,
-        fresh=learner.fresh_count,
-        replaced=learner.replaced_since_mark,
-        path_finished=False,
-        cells=0,
-        places=0,
-        spread=0.0,
-    )
-    return Exploration(configuration.exploration).rho(figures)
+    return Exploration(configuration.exploration).rho(figures(learner, model_time_s=0.0))

@@ -1,6 +1,5 @@
 """What the default learner knows of a still field after each tenth of a survey, and what it could know."""
 
-import os
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -10,8 +9,6 @@ from oracles import ExactGP, inside_95, negative_log_density, rmse
 from sea_fields import FloatArray, SeaField, drawn_field, real_field, sim_field
 from surveys import INTERVAL_S, Survey, learners, survey
 
-LONG = os.environ.get("HALOCLINE_ACCURACY") == "long"
-"""Whether all fields are surveyed (make accuracy), or a few (the ordinary suite)."""
 _HELD_OUT = 1000
 
 Case = tuple[str, int, bool]

@@ -7,7 +7,7 @@ import numpy as np
 from sea_fields import FloatArray, SeaField
 
 from autonomy.config import Configuration, load
-from autonomy.exploration import Exploration, Figures
+from autonomy.exploration import Exploration
 from autonomy.geometry import path_length_m
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.learner import Learner
@@ -15,6 +15,7 @@ from autonomy.learning.rebuild import reestimate
 from autonomy.learning.sparse_gp import SparseOnlineGP
 from autonomy.planning.planners import paper
 from autonomy.planning.request import PlanRequest
+from autonomy.replanning import figures
 from sim.trials import Readings, Trial, parted
 
 PROFILE = Path(__file__).resolve().parents[2] / "config" / "paper.yaml"
@@ -84,7 +85,11 @@ def paper_learner(
         learner.add(x, float(y), time_s)
         while learner.catch_up():
             continue
-        decision = exploration.decide(_figures(learner, time_s, number in ends)) if learner.born else None
+        decision = (
+            exploration.decide(figures(learner, time_s, path_finished=number in ends))
+            if learner.born
+            else None
+        )
         if decision is None:
             continue
         if decision.reestimate:
@@ -105,17 +110,4 @@ def _hyperparameters(trial: Trial, profile: Configuration) -> Hyperparameters:
     noise_share = given.noise_variance / given.signal_variance
     return Hyperparameters(
         judge.signal_variance, noise_share * judge.signal_variance, (judge.lengthscale_m, judge.lengthscale_m)
-    )
-
-
-def _figures(learner: Learner, time_s: float, path_finished: bool) -> Figures:
-    return Figures(
-        model_time_s=time_s,
-        basis_size=len(learner.basis),
-        capacity=learner.capacity,
-        fresh=learner.fresh_count,
-        replaced=learner.replaced_since_mark,
-        path_finished=path_finished,
-        cells=len(learner.history),
-        spread=learner.history.variance / learner.gp.kernel.signal_variance,
     )

@@ -9,12 +9,13 @@ from moving import FloatArray, MovingTruth, Patrol
 from oracles import negative_log_density
 
 from autonomy.config import EstimationSection, ExplorationSection
-from autonomy.exploration import Exploration, Figures
+from autonomy.exploration import Exploration
 from autonomy.learning.field_model import Prediction
 from autonomy.learning.kernel import Kernel
 from autonomy.learning.learner import Learner
 from autonomy.learning.rebuild import reestimate
 from autonomy.learning.sparse_gp import SparseOnlineGP
+from autonomy.replanning import figures
 
 
 class Pupil(Protocol):
@@ -57,7 +58,7 @@ class Driven:
         learner.add(point, value, time_s)
         while learner.catch_up():
             continue
-        decision = self._exploration.decide(self._figures(time_s))
+        decision = self._exploration.decide(figures(learner, time_s))
         if learner.born and decision is not None and decision.reestimate:
             request = learner.reestimate_request(self.reestimates, self._options)
             learner.adopt(reestimate(request))
@@ -71,20 +72,6 @@ class Driven:
     def kernel(self) -> Kernel:
         """What it believes in now."""
         return self.learner.gp.kernel
-
-    def _figures(self, time_s: float) -> Figures:
-        learner = self.learner
-        return Figures(
-            model_time_s=time_s,
-            basis_size=len(learner.gp) if learner.born else 0,
-            fresh=learner.fresh_count,
-            replaced=learner.replaced_since_mark,
-            capacity=learner.capacity,
-            path_finished=False,
-            cells=len(learner.history),
-            places=learner.history.places,
-            spread=learner.history.variance / self.kernel.signal_variance if learner.born else 0.0,
-        )
 
 
 @dataclass

@@ -8,9 +8,10 @@ from sea_fields import FloatArray, SeaField
 from tracks import lawnmower
 
 from autonomy.config import EstimationSection, ExplorationSection
-from autonomy.exploration import Exploration, Figures
+from autonomy.exploration import Exploration
 from autonomy.learning.learner import Learner
 from autonomy.learning.rebuild import reestimate
+from autonomy.replanning import figures
 
 INTERVAL_S = 120.0
 """Between samples: 10 × 10 km at 200 m and 1.7 m/s. Re-estimates come about every thirty samples, then."""
@@ -56,7 +57,7 @@ def learners(sailed: Survey) -> Iterator[Learner]:
         learner.add(x, float(y), time_s)
         while learner.catch_up():
             pass
-        decision = exploration.decide(_figures(learner, time_s, path_finished=number == count))
+        decision = exploration.decide(figures(learner, time_s, path_finished=number == count))
         if learner.born and decision is not None and decision.reestimate:
             learner.adopt(reestimate(learner.reestimate_request(estimates, options)))
             exploration.reestimated(time_s, len(learner.history))
@@ -71,17 +72,3 @@ def surveyed(sailed: Survey) -> Learner:
     """The learner at the end of the survey."""
     *_, last = learners(sailed)
     return last
-
-
-def _figures(learner: Learner, time_s: float, path_finished: bool) -> Figures:
-    return Figures(
-        model_time_s=time_s,
-        basis_size=len(learner.basis),
-        capacity=learner.capacity,
-        fresh=learner.fresh_count,
-        replaced=learner.replaced_since_mark,
-        path_finished=path_finished,
-        cells=len(learner.history),
-        places=learner.history.places,
-        spread=learner.history.variance / learner.gp.kernel.signal_variance if learner.born else 0.0,
-    )

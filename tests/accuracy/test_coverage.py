@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examinations import LONG, Case, examine
+from examinations import Case, examine
+from forms import LONG, Say
 from sea_fields import REAL
 
 _DRAWN = tuple(f"{family}-{seed}" for family in ("patch", "bight", "matern", "smooth") for seed in range(3))
@@ -26,20 +27,17 @@ CASES: tuple[Case, ...] = (
 
 
 @pytest.mark.timeout(7200 if LONG else 120)
-def test_intervals_hold_in_every_tenth_of_a_survey(
-    request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_intervals_hold_in_every_tenth_of_a_survey(request: pytest.FixtureRequest, say: Say) -> None:
     directory = request.getfixturevalue("real_data_dir") if LONG else Path()
     found = [examine(case, directory) for case in CASES]
     shares = np.array([f.coverage for f in found])
+    for f in found:
+        say(f"{f.sailed.name:24} {' '.join(f'{share:.2f}' for share in f.coverage)}")
     if LONG:
-        with capsys.disabled():
-            for f in found:
-                print(f"\n  {f.sailed.name:24}", " ".join(f"{share:.2f}" for share in f.coverage), end="")
-            for name, rows in (("coverage", shares), ("nlpd (median)", np.array([f.nlpd for f in found]))):
-                middle = rows.mean(axis=0) if name == "coverage" else np.median(rows, axis=0)
-                print(f"\n  {name:24}", " ".join(f"{value:.3f}" for value in middle), end="")
-            print(f"\n  {len(found)} surveys: {shares.mean():.3f} of all", flush=True)
+        for name, rows in (("coverage", shares), ("nlpd (median)", np.array([f.nlpd for f in found]))):
+            middle = rows.mean(axis=0) if name == "coverage" else np.median(rows, axis=0)
+            say(f"{name:24} {' '.join(f'{value:.3f}' for value in middle)}")
+        say(f"{len(found)} surveys: {shares.mean():.3f} of all")
         assert 0.92 <= shares.mean() <= 0.97
         assert shares.mean(axis=0).min() >= 0.90
         assert shares.mean(axis=0).max() <= 0.98

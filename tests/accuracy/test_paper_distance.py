@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examinations import LONG, field_named
+from examinations import field_named
+from forms import LONG, Say
 from oracles import geometric_mean, rmse
 from paper_voyages import Voyage, paper_learner, paper_profile, paper_voyage
 from scipy.optimize import isotonic_regression
@@ -128,13 +129,7 @@ def test_route_has_the_better_map_after_85_percent_of_the_papers_way() -> None:
 
 @pytest.mark.skipif(not LONG, reason="whole voyages at five budgets a run: HALOCLINE_ACCURACY=long")
 @pytest.mark.timeout(4 * 3600)
-def test_route_needs_fewer_kilometres_than_the_paper(
-    real_data_dir: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def say(text: str) -> None:
-        with capsys.disabled():
-            print(f"\n  {text}", end="", flush=True)
-
+def test_route_needs_fewer_kilometres_than_the_paper(real_data_dir: Path, say: Say) -> None:
     found: dict[str, list[float]] = {"same learner": [], "own learners": []}
     for name in NAMES:
         for launch in range(SEEDS):

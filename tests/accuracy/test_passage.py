@@ -4,8 +4,6 @@ The short form takes some hundred pairs of two coasts; HALOCLINE_ACCURACY=long o
 with and without a stand-off. Truths are exact and share no code with the planner: see visibility.py.
 """
 
-import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -13,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from forms import LONG, Say
 from numpy.typing import NDArray
 from scipy import ndimage
 from visibility import FloatArray, Shore, VisibilityGraph
@@ -23,7 +22,6 @@ from autonomy.planning.survey import SurveyArea
 from sim.field import open_field
 from sim.land import land_polygons, water_outline
 
-LONG = os.environ.get("HALOCLINE_ACCURACY") == "long"
 POINTS = 46
 """In a set, which has 1035 pairs."""
 SETS = 10 if LONG else 1
@@ -33,16 +31,6 @@ FILES = {
 }
 CASES = [(coast, standoff_m) for coast in ("bight", "sst", "ucla") for standoff_m in (0.0, 300.0)]
 CASES = CASES if LONG else [("bight", 0.0), ("ucla", 300.0)]
-Say = Callable[[str], None]
-
-
-@pytest.fixture
-def say(capsys: pytest.CaptureFixture[str]) -> Say:
-    def line(text: str) -> None:
-        with capsys.disabled():
-            print(f"\n  {text}", end="", flush=True)
-
-    return line if LONG else lambda text: None
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,14 @@ Constants of the planner were looked at on `LOOKED_AT` only; `HELD_OUT` were sai
 """
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from examinations import LONG, field_named
+from examinations import field_named
+from forms import LONG, Say
 from oracles import geometric_mean, rmse, scikit_learn_mean
 from sea_fields import FloatArray
 from seas import sea_named
@@ -33,7 +33,6 @@ SEEDS = int(os.environ.get("HALOCLINE_SEEDS", "2"))
 
 Case = tuple[str, int, int]
 """Field, launch, budget."""
-Say = Callable[[str], None]
 _FEW: tuple[Case, ...] = (("patch-0", 1, 3), ("nordic-temp-0", 0, 6))
 
 
@@ -53,15 +52,6 @@ class Outcome:
     def against_mean(self) -> float:
         """Against the mean of both."""
         return self.route / float(np.mean(self.lawnmowers))
-
-
-@pytest.fixture
-def say(capsys: pytest.CaptureFixture[str]) -> Say:
-    def line(text: str) -> None:
-        with capsys.disabled():
-            print(f"\n  {text}", end="", flush=True)
-
-    return line if LONG else lambda text: None
 
 
 @lru_cache(maxsize=2)

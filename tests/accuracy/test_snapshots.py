@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from examinations import LONG, field_named
+from examinations import field_named
+from forms import LONG
 from sea_fields import SeaField
 from surveys import INTERVAL_S, Survey, survey, surveyed
 

@@ -4,12 +4,12 @@ Lawnmowers of 6 and 10 × √(water area), a sample every fiftieth of that, nois
 deviation; RMSE over all water cells at the end. Ratios are aggregated as geometric means over surveys.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from examinations import LONG, Case, examine
+from examinations import Case, examine
+from forms import LONG, Say
 from oracles import ExactGP, geometric_mean, rmse, scikit_learn_mean
 from sea_fields import REAL, drawn_field
 from surveys import survey, surveyed
@@ -23,16 +23,6 @@ CASES: tuple[Case, ...] = (
     if LONG
     else _FEW
 )
-Say = Callable[[str], None]
-
-
-@pytest.fixture
-def say(capsys: pytest.CaptureFixture[str]) -> Say:
-    def line(text: str) -> None:
-        with capsys.disabled():
-            print(f"\n  {text}", end="", flush=True)
-
-    return line if LONG else lambda text: None
 
 
 @pytest.mark.timeout(7200 if LONG else 120)
