@@ -5,6 +5,7 @@ import asyncio
 import faulthandler
 import logging
 import os
+import signal
 import sys
 
 from autonomy.commands.configuration import add_override_argument, doubts, load_with_survey, tell
@@ -63,6 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
     for doubt in doubts(loaded, survey):
         log.warning("%s", doubt)
     configuration = loaded.configuration
+    continuity = None
+    # A stop while it is starting is no failure of what it goes on from; the loop has handlers of its own.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         continuity, unkept = open_continuity(configuration, survey, os.environ, afresh=arguments.afresh)
         past = (None, ()) if continuity is None else (continuity.resumed, continuity.left_out)
@@ -78,6 +82,11 @@ def run(arguments: argparse.Namespace) -> int:
             signed_link=signed_link,
         )
         asyncio.run(daemon.run())
+    except KeyboardInterrupt:
+        if continuity is not None:
+            continuity.stopped_early()
+        log.info("stopped while it was starting")
+        return 0
     except Exception:
         log.exception("the service ends over an error of its own")
         return EXIT_SOFTWARE

@@ -63,6 +63,9 @@ class Awakening:
         journal_folder: of earlier runs; None: checkpoints alone must do.
         trials: what went wrong in earlier runs.
 
+    Raises:
+        KeyboardInterrupt: somebody wants the service to stop, which is nobody's fault.
+
     Attributes:
         core: what was made.
         number: of the newest checkpoint; 0 if there is none.
@@ -91,7 +94,11 @@ class Awakening:
         self.last: Moment | None = None
         self.left_out: list[Position] = []
         self.was_slow = False
-        self.core = self._awaken()
+        try:
+            self.core = self._awaken()
+        except KeyboardInterrupt:
+            trials.stopped_early()
+            raise
 
     def _awaken(self) -> Core:
         checkpoints = self._store.load(self._wanted)

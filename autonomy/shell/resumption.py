@@ -77,6 +77,11 @@ class Continuity:
         """Why the last checkpoint is not on the disk; empty if it is."""
         return self._unmade or ("" if self._keeper is None else self._keeper.trouble)
 
+    def stopped_early(self) -> None:
+        """Somebody has stopped the service before it began."""
+        self._trials.stopped_early()
+        self._trials.mark.close()
+
     def begin(self, journal: Journal | None) -> None:
         """The run begins now: from here on the core hears of what happens."""
         self._keeper = (

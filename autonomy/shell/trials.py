@@ -134,6 +134,11 @@ class Trials:
         if self.handled == PROVED_BY:
             self.proved()
 
+    def stopped_early(self) -> None:
+        """Somebody has stopped the service while it was starting: no record and nothing gone on from is to blame."""
+        self.mark.set(None)
+        self.proved()
+
     def gave_up(self) -> None:
         """What was gone on from is of no use; the next deserves as many trials."""
         self.crashes = self.failures = 0

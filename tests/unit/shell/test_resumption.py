@@ -49,6 +49,10 @@ class EndError(BaseException):
     """The process is gone, without a chance to say a word."""
 
 
+STOPPED_WITH: list[str] = []
+"""The same of what somebody stops the service in the midst of."""
+
+
 @pytest.fixture(autouse=True)
 def breakable(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Cores that remember why links were lost, among what they have explained, and break over some reasons."""
@@ -58,6 +62,8 @@ def breakable(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         sound_restore(core, memory)
         if not core._explained.isdisjoint(ENDS_WITH):
             raise EndError
+        if not core._explained.isdisjoint(STOPPED_WITH):
+            raise KeyboardInterrupt
 
     def handle(core: Core, now: float, event: Event) -> list[Effect]:
         if not core._explained.isdisjoint(ROTTEN):
@@ -73,7 +79,7 @@ def breakable(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(Core, "handle", handle)
     monkeypatch.setattr(Core, "restore", restore)
     yield
-    for each in (BREAKS_OVER, ENDS_OVER, ROTTEN, ENDS_WITH):
+    for each in (BREAKS_OVER, ENDS_OVER, ROTTEN, ENDS_WITH, STOPPED_WITH):
         each.clear()
 
 
@@ -89,7 +95,7 @@ class Run:
         journals = folder / "journal" if recorded else None
         try:
             self.continuity = Continuity(new, CheckpointSection(), self.store, WANTED, journals)
-        except EndError:
+        except (EndError, KeyboardInterrupt):
             self.store.close()  # as the kernel does for a process that is gone
             raise
         self.core: Any = self.continuity.core
@@ -397,6 +403,26 @@ def test_a_memory_that_ends_the_process_is_given_up_after_three_runs(
     assert again.lost == {"one"}
     assert "going on from it has come to nothing 3 times in a row" in caplog.text
     again.ends()
+
+
+def test_who_stops_a_service_again_and_again_while_it_starts_has_lost_nothing(
+    run: Callable[..., Run], caplog: pytest.LogCaptureFixture
+) -> None:
+    first = run()
+    first.hears(LinkDown("one"))
+    first.ends(keep=True)
+    STOPPED_WITH.append("one")
+    for _ in range(2 * FAILURES_PER_CHECKPOINT):
+        with pytest.raises(KeyboardInterrupt):
+            run()
+    STOPPED_WITH.clear()
+    for _ in range(2 * FAILURES_PER_CHECKPOINT):
+        early = run()
+        early.continuity.stopped_early()
+        early.ends()
+    assert run().lost == {"one"}
+    assert "is not used" not in caplog.text
+    assert "ended before it had handled" not in caplog.text
 
 
 def test_a_run_that_handles_records_has_come_to_something(run: Callable[..., Run]) -> None:
