@@ -121,7 +121,7 @@ class Directives:
     # The verbs ------------------------------------------------------------------------------------------------
 
     def _verdict(self, now: float, verb: str) -> _Verdict:
-        hindrance = self._hindrance()
+        hindrance = self._hindrance(verb)
         if hindrance is not None:
             return False, hindrance
         verbs: dict[str, Callable[[float], _Verdict]] = {
@@ -134,8 +134,8 @@ class Directives:
         }
         return verbs[verb](now)
 
-    def _hindrance(self) -> str | None:
-        """Why nothing at all can be asked of the boat now."""
+    def _hindrance(self, verb: str) -> str | None:
+        """Why nothing at all can be asked of the boat now, or not this."""
         authority = self._helm.authority
         if not self._situation.in_touch:
             return self._situation.reason
@@ -145,9 +145,15 @@ class Directives:
             return f"the boat is not ours: {authority.reason}"
         if authority.command is Command.STOPPING:
             return "the boat is being told to hold: ask again in a few seconds"
-        if authority.command is Command.HELD and authority.action is Action.SELECT_AUTO:
+        if self._is_released and verb != "pause":
             return "the boat is being set in motion again: ask again in a few seconds"
         return None
+
+    @property
+    def _is_released(self) -> bool:
+        """Whether the boat holds, and is being set in motion again."""
+        authority = self._helm.authority
+        return authority.command is Command.HELD and authority.action is Action.SELECT_AUTO
 
     def _not_under_way(self) -> str | None:
         """Why there is no survey to change."""
@@ -182,20 +188,22 @@ class Directives:
             return "no mission of ours is verified on board yet"
         return "the autopilot is not sure of its position yet"
 
-    def _pause(self, _now: float) -> _Verdict:
+    def _pause(self, now: float) -> _Verdict:
         authority = self._helm.authority
         if self._is_full and not authority.survey_started:
-            self._wishes.keep_from_starting()
+            self._wishes.keep_from_starting(now)
             return True, "the boat does not start before it is told to"
         hindrance = self._not_under_way()
         if hindrance is not None:
             return False, hindrance
+        if self._is_released and self._wishes.hold(now):
+            return True, "the boat holds, and is not set in motion"
         if self._homeward.is_returning:
             return False, "the boat is on its way home as it was asked to: resume the survey first"
         if self._situation.wish is Wish.PAUSE:
             return True, "it is paused already"
         if self._is_full:
-            if not self._wishes.hold():
+            if not self._wishes.hold(now):
                 return False, f"the boat can't be held: {authority.reason}"
             return True, "nothing is planned any more; the boat is told to hold"
         self._wishes.utter(Wish.PAUSE)

@@ -8,7 +8,8 @@ present path home), return (home at once). The newest replaces the one before. I
     the budget brings it home
     the autopilot began anew, or its mission was cleared
 
-What is to move a boat (`start`, the end of a pause in `full`) does so within a minute, or not at all.
+What is to move a boat (`start`, the end of a pause in `full`) does so within a minute, or not at all. What is to stop
+it or to bring it home, and does not within a minute, is given up, and had by way of a mission, as without `full`.
 """
 
 from autonomy.config import Configuration
@@ -16,7 +17,7 @@ from autonomy.course import Course
 from autonomy.effects import Level
 from autonomy.helm import Helm
 from autonomy.homeward import Homeward
-from autonomy.mavlink.authority_table import Command
+from autonomy.mavlink.authority_table import Action, Command
 from autonomy.mavlink.rover import AUTO
 from autonomy.planning.plan import Plan
 from autonomy.reporting import Reporter
@@ -24,6 +25,15 @@ from autonomy.situation import Situation, Wish
 
 START_S = 60.0
 """A boat that has not started so long after `start`, or gone on after `resume`, does not: nobody expects it by then."""
+
+IN_FLIGHT_S = 5.0
+"""A boat that moves so soon after it was kept from moving does so by an order of ours that was under way, not by
+anybody's will."""
+
+HEED_S = 60.0
+"""An autopilot that has not done so long what it was told does not do it."""
+
+NOT_BROUGHT = "the autopilot was told to bring the boat home, and has not"
 
 AGAIN_S = 30.0
 """Pause before a leg that did not come on board is sent again."""
@@ -44,10 +54,12 @@ class Wishes:
         self._is_full = configuration.authority.mode == "full"
         self._helm, self._homeward, self._course = helm, homeward, course
         self._situation, self._reporter = situation, reporter
-        self._away = self._holds = False
+        self._away = self._has_held = False
         self._not_before = 0.0
         self._start_until: float | None = None
         self._go_on_until: float | None = None
+        self._in_flight_until = 0.0
+        self._told: tuple[Command, float] | None = None
         self._words: list[str] = []
 
     # What is wanted -------------------------------------------------------------------------------------------
@@ -57,7 +69,7 @@ class Wishes:
         if self._situation.wish is not wish:
             self._homeward.call_off()
         self._situation.wish = wish
-        self._away, self._holds, self._not_before = False, False, 0.0
+        self._away, self._has_held, self._not_before = False, False, 0.0
 
     def let_start(self, now: float) -> None:
         """A boat that waits for its start may start by itself, once, and not when nobody expects it any more."""
@@ -66,18 +78,20 @@ class Wishes:
             self._start_until = now + START_S
         authority.allow_start(True)
 
-    def keep_from_starting(self) -> None:
+    def keep_from_starting(self, now: float) -> None:
         """It may not."""
+        self._mind_orders(now)
         self._helm.authority.allow_start(False)
         self._start_until = None
 
-    def hold(self) -> bool:
-        """A boat that is ours is paused, and told to hold; returns whether it is."""
+    def hold(self, now: float) -> bool:
+        """A boat that is ours, or about to be set in motion, is paused, and told to hold; returns whether it is."""
         authority, vehicle = self._helm.authority, self._helm.state
+        self._mind_orders(now)
         if vehicle is None or not authority.hold(vehicle):
             return False
+        self._go_on_until = None
         self.utter(Wish.PAUSE)
-        self._holds = True
         return True
 
     def let_go(self, now: float) -> None:
@@ -86,6 +100,11 @@ class Wishes:
         if vehicle is not None and authority.command is Command.HELD:
             authority.release(vehicle)
             self._go_on_until = now + START_S
+
+    def _mind_orders(self, now: float) -> None:
+        """An order to move may be on its way to the autopilot."""
+        if self._helm.authority.action in (Action.SELECT_AUTO, Action.ARM):
+            self._in_flight_until = now + IN_FLIGHT_S
 
     # What becomes of it ---------------------------------------------------------------------------------------
 
@@ -101,7 +120,9 @@ class Wishes:
             self._homeward.begins_at(helm.position_m)
         self._watch_start(now)
         self._watch_going_on(now)
+        self._watch_orders(now)
         wish = self._situation.wish
+        self._has_held = self._has_held or helm.authority.command is Command.HELD
         if wish is None:
             return None
         if not helm.authority.survey_started:
@@ -128,7 +149,7 @@ class Wishes:
         self._start_until = None
         authority.allow_start(False)
         if not authority.survey_started:
-            self._warn(f"not started in {START_S:.0f} s", "it waits for another start")
+            self._warn(f"has not started in {START_S:.0f} s: it waits for another start", "not started")
 
     def _watch_going_on(self, now: float) -> None:
         """A boat that holds, and was told to go on, does so soon or not at all."""
@@ -143,12 +164,35 @@ class Wishes:
             self._go_on_until = None
             authority.hold_again(vehicle)
             self.utter(Wish.PAUSE)
-            self._holds = True
-            self._warn(f"not gone on in {START_S:.0f} s", "it holds again")
+            self._warn(f"has not gone on in {START_S:.0f} s: it holds again", "not gone on: it holds")
 
-    def _warn(self, problem: str, consequence: str) -> None:
-        self._reporter.log(Level.WARNING, f"the boat has {problem}: {consequence}")
-        self._words.append(problem)
+    def _watch_orders(self, now: float) -> None:
+        """An order that was under way is undone; one that the autopilot does not follow is given up."""
+        authority, vehicle = self._helm.authority, self._helm.state
+        if vehicle is None:
+            return
+        if now < self._in_flight_until and authority.in_command and self.hold(now):
+            self._warn("has moved off all the same: it is told to hold", "moved off: it is told to hold")
+        command = authority.command
+        if command not in (Command.STOPPING, Command.SENT_HOME) or not self._situation.in_touch:
+            self._told = None
+        elif self._told is None or self._told[0] is not command:
+            self._told = (command, now)
+        elif now >= self._told[1] + HEED_S:
+            authority.give_up_order(vehicle)
+            if command is Command.SENT_HOME:
+                self.utter(Wish.RETURN)
+                self._homeward.send(NOT_BROUGHT)
+                text = "is not brought home by the autopilot: it sails home by a mission"
+                self._warn(text, "not brought home: sails a mission home")
+            else:
+                text = "does not hold: it sails its leg to the end, and stays there"
+                self._warn(text, "does not hold: it ends its leg")
+
+    def _warn(self, text: str, words: str) -> None:
+        """For the log, and in fewer words for the operator."""
+        self._reporter.log(Level.WARNING, f"the boat {text}")
+        self._words.append(words)
 
     def _was_taken(self) -> bool:
         """Whether somebody has taken the boat since the wish was uttered, or selected AUTO while it held."""
@@ -156,7 +200,7 @@ class Wishes:
         ours = authority.in_command or authority.is_held
         if vehicle is not None and not ours and (vehicle.mode != AUTO or not vehicle.armed):
             self._away = True
-        let_go = self._holds and self._situation.wish is Wish.PAUSE
+        let_go = self._has_held and self._situation.wish is Wish.PAUSE
         return authority.in_command and (self._away or let_go)
 
     def _cut(self, now: float) -> Plan | None:

@@ -165,6 +165,12 @@ class Authority:
             self._hold = Hold.STUCK
             self.observe(state)
 
+    def give_up_order(self, state: VehicleState) -> None:
+        """It was told to hold or to return, and sails on in AUTO: then it is ours as before, and not told again."""
+        if self.command in (Command.STOPPING, Command.SENT_HOME):
+            self.command, self._hold = Command.OURS, Hold.NONE
+            self.observe(state)
+
     def settle(self, begun: Command) -> None:
         """What was remembered may have been under another configuration; a new authority had `begun` with this."""
         if Command.OBSERVED in (begun, self.command):

@@ -255,6 +255,15 @@ class AuthorityMachine(RuleBasedStateMachine):
         self.told_home = self.told_home or self.authority.action is Action.GO_HOME
         self.permission = self.authority.decide(self.state)
 
+    @rule()
+    def order_given_up(self) -> None:
+        """It was told to hold or to return, and has not."""
+        self.before = self.authority.action
+        self.told_to_hold = self.told_to_hold and self.before is not Action.HOLD
+        self.authority.give_up_order(self.state)
+        assert self.authority.action not in (Action.HOLD, Action.GO_HOME)
+        self.permission = self.authority.decide(self.state)
+
     @rule(allowed=st.booleans())
     def start_from_ashore(self, allowed: bool) -> None:
         self.may_start = allowed

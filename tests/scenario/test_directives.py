@@ -169,7 +169,7 @@ def test_in_full_a_boat_that_can_not_be_set_in_motion_holds_again(fully: Any, ve
     assert (answer.outcome, answer.state) == (Outcome.DONE, "paused")
     assert "AUTO is being selected" in answer.reason
     fully.until("the boat has not gone on in 60 s: it holds again", patience_s=70.0)
-    assert any("not gone on" in str(each.text) for each in fully.said("STATUSTEXT"))
+    assert any("not gone on: it holds" in str(each.text) for each in fully.said("STATUSTEXT"))
     given_up = fully.now
     relent()
     fully.advance(600.0)

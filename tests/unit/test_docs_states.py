@@ -83,6 +83,9 @@ def test_every_word_to_the_operator_is_explained() -> None:
         if text.startswith("halocline: ")
     ]
     lines += [text for text in texts_of("autonomy/course.py") if re.match(r"(LAND|land) ahead", text)]
+    lines += re.findall(
+        r'self\._warn\([^"]*"[^"]*", "([^"]*)"\)', (REPOSITORY / "autonomy/wishes.py").read_text()
+    )
     lines += [text for text in texts_of("autonomy/handback.py") if text.startswith("LAND")]
     assert len(lines) > 5
     starts = [text.partition("{}")[0].removeprefix("halocline: ").strip() for text in lines]
