@@ -66,11 +66,12 @@ class Figures:
 
 @dataclass(frozen=True)
 class Decision:
-    """It is time: plan anew, and re-estimate first or not."""
+    """It is time: re-estimate or not, then plan anew, unless no plan could be sailed."""
 
     trigger: Trigger
     reestimate: bool
     reason: str
+    plans: bool = True
 
 
 class Exploration:
