@@ -4,15 +4,14 @@ A new one replaces the older of the two files, so that whatever happens meanwhil
 """
 
 import errno
-import fcntl
 import logging
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import IO
 
 from autonomy.shell.checkpoint import MAXIMUM_BYTES, Checkpoint, CheckpointError, decode, encode
-from autonomy.shell.files import write_atomically
+from autonomy.shell.files import locked, open_to_read, write_atomically
 from autonomy.shell.journal_store import FULL
 
 log = logging.getLogger(__name__)
@@ -39,16 +38,13 @@ class Store:
         """Whether what was found there is damaged or another version's: the journal may still tell what it was."""
         self._reserve = folder / "reserve"
         self._is_short = False
-        self._lock = _open_lock(folder / "lock")
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._lock.close()
-            raise
+        self._lock: int | None = _lock(folder)
 
     def close(self) -> None:
         """Let another process use the folder."""
-        self._lock.close()
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
     def begin_anew(self) -> None:
         """Put aside what there is, and forget what went wrong with it."""
@@ -68,7 +64,8 @@ class Store:
             except FileNotFoundError:
                 continue
             except (CheckpointError, OSError) as error:
-                log.error("the checkpoint %s is not used: %s", path, error)
+                why = error.strerror if isinstance(error, OSError) else error
+                log.error("the checkpoint %s is not used: %s", path, why)
                 self._put_aside(name, "damaged")
                 self.is_spoilt = True
                 continue
@@ -123,9 +120,10 @@ class Store:
     def _put_aside(self, name: str, reason: str) -> None:
         """Keep a file under another name; of those the oldest goes when there are more than eight."""
         path = self.folder / name
-        aside = sorted(self.folder.glob("*.aside"), key=lambda one: one.stat().st_mtime)
+        aside = sorted(self.folder.glob("*.aside"), key=lambda one: one.lstat().st_mtime)
         for old in aside[: max(0, len(aside) + 1 - _KEPT_ASIDE)]:
-            old.unlink(missing_ok=True)
+            with suppress(OSError):  # it may be no file, too
+                old.unlink()
         number = 1
         while (target := self.folder / f"{name}.{reason}-{number}.aside").exists():
             number += 1
@@ -137,18 +135,19 @@ class Store:
             log.warning("it is kept as %s", target)
 
 
-def _open_lock(path: Path) -> IO[bytes]:
+def _lock(folder: Path) -> int:
+    path = folder / "lock"
     try:
-        return path.open("wb")
+        return locked(path)
     except OSError as error:
         if error.errno != errno.EROFS or not path.exists():
             raise
-        log.error("%s is read-only: what is learnt from now on will not outlive this run", path.parent)
-        return path.open("rb")
+    log.error("%s is read-only: what is learnt from now on will not outlive this run", folder)
+    return locked(path, os.O_RDONLY)
 
 
 def _read(path: Path) -> bytes:
-    with path.open("rb") as file:
+    with open_to_read(path) as file:
         data = file.read(MAXIMUM_BYTES + 1)
     if len(data) > MAXIMUM_BYTES:
         raise CheckpointError(f"it has more than {MAXIMUM_BYTES} bytes")

@@ -1,7 +1,36 @@
-"""Files that must outlive the process, whatever becomes of it or of the disk."""
+"""Files that must outlive the process, whatever becomes of it or of the disk, and whatever else lies in their place."""
 
+import errno
+import fcntl
 import os
+import stat
 from pathlib import Path
+from typing import BinaryIO
+
+
+def open_to_read(path: Path) -> BinaryIO:
+    """Open a file for reading. OSError if that fails, or if it is something else: a pipe would be waited for."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "it is no file", str(path))
+    return os.fdopen(descriptor, "rb")
+
+
+def locked(path: Path, flags: int = os.O_RDWR | os.O_CREAT) -> int:
+    """The descriptor of a file, opened with these flags, that no other process has as long as it is open.
+
+    Raises:
+        BlockingIOError: another process has it.
+        OSError: it can't be made, opened or locked.
+    """
+    descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
 
 
 def write_atomically(path: Path, data: bytes) -> None:
@@ -22,3 +51,8 @@ def write_atomically(path: Path, data: bytes) -> None:
         os.fsync(folder)
     finally:
         os.close(folder)
+
+
+def cause(error: OSError, place: Path) -> str:
+    """What went wrong where, for a person; not every error of the system names the file."""
+    return f"{error.filename or place}: {error.strerror or error}"

@@ -24,6 +24,7 @@ from autonomy.events import Event, MessageReceived
 from autonomy.frames import MAXIMUM_PAYLOAD_BYTES
 from autonomy.planning.survey import SurveyArea
 from autonomy.records import encode_effects, encode_event, encode_resumed
+from autonomy.shell.files import cause
 from autonomy.shell.journal_files import SCHEMA, SHAPES, VERSION, Position
 from autonomy.shell.journal_store import Limits, Packet, Row, Store
 from autonomy.shell.state_directory import state_directory
@@ -291,7 +292,7 @@ def open_journal(
     except BlockingIOError:
         problem = f"another service records in {folder}"
     except OSError as error:
-        problem = f"{error.filename}: {error.strerror}"
+        problem = cause(error, folder)
     except ValueError as error:
         problem = str(error)
     else:

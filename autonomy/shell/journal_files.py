@@ -22,7 +22,7 @@ SHAPES = ("ground", "obstacles", "water", "navigable")
 """The parts of a survey area that a header holds, as WKB in local metres."""
 
 SUFFIX, STREAM_SUFFIX = ".journal", ".tlog"
-_NAME = re.compile(r"run(\d{6,9})-(\d{4,9})\.journal")
+_NAME = re.compile(r"run(\d{6,9})-(\d{4,9})\.(journal|tlog)")
 
 
 class JournalError(ValueError):
@@ -89,13 +89,24 @@ def file_name(run: int, number: int) -> str:
 
 
 def journal_files(folder: Path) -> list[JournalFile]:
-    """The journal's files, oldest first. OSError if the folder can't be read."""
-    found = []
+    """The journal's files, oldest first, and nothing else of such a name. OSError if the folder can't be read."""
+    return sorted(
+        JournalFile(run, number, path)
+        for path, run, number in _named(folder)
+        if path.suffix == SUFFIX and path.is_file()
+    )
+
+
+def highest_run(folder: Path) -> int:
+    """The highest number of a run in any name in the folder, whatever bears it; 0 if there is none."""
+    return max((run for _, run, _ in _named(folder)), default=0)
+
+
+def _named(folder: Path) -> Iterator[tuple[Path, int, int]]:
     for path in folder.iterdir():
         match = _NAME.fullmatch(path.name)
         if match is not None:
-            found.append(JournalFile(int(match[1]), int(match[2]), path))
-    return sorted(found)
+            yield path, int(match[1]), int(match[2])
 
 
 def read_header(path: Path) -> dict[str, object]:

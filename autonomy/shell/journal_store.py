@@ -5,7 +5,6 @@ For the journal's thread alone: everything here may wait for the disk. Nothing h
 
 import contextlib
 import errno
-import fcntl
 import os
 import shutil
 import time
@@ -18,7 +17,8 @@ from typing import Any
 from autonomy.frames import cut_torn_tail, pack
 from autonomy.records import encode_header
 from autonomy.shell import tlog
-from autonomy.shell.journal_files import JournalFile, Position, file_name, journal_files
+from autonomy.shell.files import locked
+from autonomy.shell.journal_files import JournalFile, Position, file_name, highest_run, journal_files
 
 RETRY_S = 5.0
 """Pause after the disk refused a file before another is begun."""
@@ -112,14 +112,14 @@ class Store:
         self._folder, self._limits, self._header = folder, limits, header
         self._clock, self._write, self._free = clock, write, free
         folder.mkdir(parents=True, exist_ok=True)
-        self._lock = _locked(folder / _LOCK)
+        self._lock = locked(folder / _LOCK)
         old = journal_files(folder)
         if old:
             cut_torn_tail(old[-1].path)
         # A checkpoint may stand in a run whose files are gone: its number is not given again, or what follows would
         # look older than the checkpoint.
         resumed = header.get("resumed") or [0]
-        self.run = 1 + max(old[-1].run if old else 0, resumed[0])
+        self.run = 1 + max(highest_run(folder), resumed[0])
         self._old = deque((file, _size(file)) for file in old)
         self._old_bytes = sum(size for _, size in self._old)
         self._files = 0
@@ -349,16 +349,6 @@ class Store:
             self._old_bytes += self._open.size
             self._open = None
             self._dirty = False
-
-
-def _locked(path: Path) -> int:
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
-        raise
-    return descriptor
 
 
 def _size(file: JournalFile) -> int:

@@ -12,6 +12,7 @@ from autonomy.shell.awakening import Awakening
 from autonomy.shell.checkpoint import Checkpoint, fits
 from autonomy.shell.checkpoint_keeper import Keeper
 from autonomy.shell.checkpoint_store import Store
+from autonomy.shell.files import cause
 from autonomy.shell.journal import Journal
 from autonomy.shell.journal_files import Position
 from autonomy.shell.moment import Moment
@@ -182,7 +183,7 @@ def open_continuity(
     except BlockingIOError:
         problem = f"another service keeps its checkpoints in {folder}"
     except OSError as error:
-        problem = f"{error.filename}: {error.strerror}"
+        problem = cause(error, folder)
     except ValueError as error:
         problem = str(error)
     else:

@@ -20,7 +20,7 @@ from autonomy.mavlink.signing import (
     read_key,
     told,
 )
-from autonomy.shell.files import write_atomically
+from autonomy.shell.files import cause, open_to_read, write_atomically
 from autonomy.shell.state_directory import state_directory
 
 log = logging.getLogger(__name__)
@@ -102,7 +102,7 @@ class SignedLink:
 
     def _load(self, file: Path) -> Pledge | None:
         try:
-            with file.open("rb") as stream:
+            with open_to_read(file) as stream:
                 data = stream.read(_MAXIMUM_BYTES + 1)
             return _decode(data)
         except FileNotFoundError:
@@ -145,7 +145,7 @@ def open_signed_link(configuration: Configuration, environment: Mapping[str, str
         file = state_directory(configuration.vehicle.name, environment) / FILE_NAME
         return SignedLink(key, section.link_id, file)
     except OSError as error:
-        problem = f"{error.filename}: {error.strerror}"
+        problem = cause(error, file)
     except ValueError as error:
         problem = str(error)
     log.error("signing timestamps can't be kept: %s", problem)

@@ -15,6 +15,7 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
+from autonomy.shell.files import open_to_read
 from autonomy.shell.journal_files import Position
 
 log = logging.getLogger(__name__)
@@ -191,7 +192,8 @@ class Trials:
 
     def _read(self) -> None:
         try:
-            content = json.loads(self._path.read_bytes()[: 2**20])
+            with open_to_read(self._path) as file:
+                content = json.loads(file.read(2**20))
             self.crashes = int(content["crashes"])
             self.quarantined = [Position(int(run), int(number)) for run, number in content["quarantined"]]
             self.source = str(content.get("source", ""))

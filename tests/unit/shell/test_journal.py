@@ -11,7 +11,7 @@ import shapely
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.config import Configuration
+from autonomy.config import Configuration, JournalSection
 from autonomy.effects import Level, Log
 from autonomy.events import DeadlineReached, JobFailed, LinkDown, MessageReceived
 from autonomy.geometry import LocalFrame
@@ -212,6 +212,21 @@ def test_a_torn_tail_is_cut_when_the_next_run_begins(tmp_path: Path, header) -> 
     assert troubles(tmp_path) == []
     assert path.stat().st_size < len(whole) - 5
     assert cut_torn_tail(path) == 0
+
+
+@pytest.mark.parametrize("makes", [os.mkfifo, os.mkdir])
+@pytest.mark.parametrize("suffix", [".journal", ".tlog"])
+def test_what_is_no_file_is_neither_read_nor_written(tmp_path: Path, header, makes, suffix: str) -> None:
+    journal = Journal.open(tmp_path, JournalSection(), header)
+    journal.event(1.0, LinkDown("one"))
+    journal.close()
+    makes(tmp_path / f"run000002-0001{suffix}")
+    journal = Journal.open(tmp_path, JournalSection(), header)
+    assert journal.position == Position(3, 0)
+    journal.event(2.0, LinkDown("two"))
+    journal.close()
+    reasons = [each.event.reason for each in read_from(tmp_path, Position(1, 0))]
+    assert reasons == ["one", "two"]
 
 
 def test_damage_in_the_middle_is_told_with_file_and_place(tmp_path: Path, header) -> None:

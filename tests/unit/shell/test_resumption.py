@@ -216,8 +216,16 @@ def test_what_is_on_a_disk_that_has_become_read_only_is_gone_on_from(
             raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
         return sound(path, mode, *rest, **named)
 
+    sound_open = os.open
+
+    def refuse_too(path: Path, flags: int, *rest: Any, **named: Any) -> int:
+        if flags & os.O_RDWR:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+        return sound_open(path, flags, *rest, **named)
+
     with monkeypatch.context() as patch:
         patch.setattr(Path, "open", refuse)
+        patch.setattr(os, "open", refuse_too)
         second = run(recorded=False)
         assert second.lost == {"one"}
         second.hears(LinkDown("two"))
@@ -573,6 +581,27 @@ def test_other_keys_may_change_meanwhile() -> None:
     changed.restore(decode(encode(sample())).memory)
     assert changed._replanning._exploration._section.rho0 == 0.3
     assert changed._reporter._model_schedule.period_s == 9.0
+
+
+@pytest.mark.parametrize("makes", [os.mkfifo, os.mkdir, lambda path: path.symlink_to(path)])
+def test_what_is_no_file_is_not_waited_for(
+    tmp_path: Path, makes: Callable[[Path], None], caplog: pytest.LogCaptureFixture
+) -> None:
+    """In place of a checkpoint and of what is known of crashes; and where it was put aside, often."""
+    (tmp_path / "trials.json").unlink(missing_ok=True)
+    makes(tmp_path / "trials.json")
+    for _ in range(10):
+        makes(tmp_path / "odd.checkpoint")
+        store = Store(tmp_path)
+        store.save(replace(sample(), number=6))
+        assert [each.number for each in store.load(WANTED)] == [6]
+        assert store.is_spoilt
+        assert not (tmp_path / "odd.checkpoint").is_symlink()
+        assert not (tmp_path / "odd.checkpoint").exists()
+        store.close()
+    Trials(tmp_path, lambda path, data: None)
+    assert "odd.checkpoint is not used: " in caplog.text
+    assert "trials.json can't be read and is begun anew" in caplog.text
 
 
 def test_two_services_do_not_share_a_folder(tmp_path: Path) -> None:
