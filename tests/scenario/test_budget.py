@@ -67,13 +67,21 @@ def test_home_with_the_reserve_unspent(make_voyage, legs_over_land, seed):
 
 
 def test_what_is_measured_on_the_way_home_still_teaches(make_voyage):
-    voyage = make_voyage(budget={"distance_m": 9000.0})
+    exploration = {"minimum_basis": 10, "maximum_interval_s": 60.0, "outgrown_ratio": None}
+    estimation = {"candidates": ("squared_exponential",), "maximum_points": 40}
+    voyage = make_voyage(budget={"distance_m": 9000.0}, exploration=exploration, estimation=estimation)
     voyage.start()
     assert voyage.advance(3000.0, until=lambda: bool(voyage.lines("returning:")))
-    before = voyage.samples
+    before, plans, since = voyage.samples, len(voyage.plans), voyage.now
     assert voyage.health.state == "returning"
     sailed_home(voyage)
     assert voyage.samples > before + 5
+    assert voyage.lines("re-estimated", since)
+    assert len(voyage.plans) == plans
+    # Once it lies there, nothing more is learnt.
+    since = voyage.now
+    voyage.advance(120.0)
+    assert not voyage.lines("re-estimated", since)
 
 
 def test_a_low_battery_turns_back_at_once_in_missions(make_voyage):

@@ -28,7 +28,8 @@ class ExplorationSection(Section):
         ge=1,
         le=1000,
         description="rho counts only from this many basis vectors on, the interval from as many basis vectors "
-        "or cells of the history; both from 20 cells, unless this is less",
+        "or cells of the history; both, and the end of a path, from readings of 20 places a thirtieth of the survey "
+        "wide, unless this is less",
     )
     maximum_interval_s: Positive | None = Field(
         default=3600.0, description="longest model time between re-estimates; null for no limit"
