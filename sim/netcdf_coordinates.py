@@ -15,21 +15,21 @@ from sim.netcdf_values import decode
 
 def is_latitude(name: str, variable: Any) -> bool:
     """Whether a variable holds latitudes, by its attributes or its name."""
-    units = str(getattr(variable, "units", "")).lower()
-    return (
-        getattr(variable, "standard_name", "") == "latitude"
-        or units in ("degrees_north", "degree_north", "degree_n", "degrees_n")
-        or name.lower() in ("lat", "latitude", "nav_lat", "lat_rho")
-    )
+    return _is_coordinate(name, variable, "latitude", "north", ("lat", "nav_lat", "lat_rho"))
 
 
 def is_longitude(name: str, variable: Any) -> bool:
     """Whether a variable holds longitudes, by its attributes or its name."""
+    return _is_coordinate(name, variable, "longitude", "east", ("lon", "nav_lon", "lon_rho"))
+
+
+def _is_coordinate(name: str, variable: Any, standard: str, towards: str, names: tuple[str, ...]) -> bool:
     units = str(getattr(variable, "units", "")).lower()
     return (
-        getattr(variable, "standard_name", "") == "longitude"
-        or units in ("degrees_east", "degree_east", "degree_e", "degrees_e")
-        or name.lower() in ("lon", "longitude", "nav_lon", "lon_rho")
+        getattr(variable, "standard_name", "") == standard
+        or units
+        in {f"{word}_{letters}" for word in ("degree", "degrees") for letters in (towards, towards[0])}
+        or name.lower() in (standard, *names)
     )
 
 

@@ -161,18 +161,16 @@ class MissionService:
 
     def _on_request_list(self, message: Any, client: Hashable) -> Replies:
         sender, kind = _sender(message), message.mission_type
-        if kind not in self._stores:
-            return [(client, _ack(sender, mav.MAV_MISSION_UNSUPPORTED, kind))]
-        if self._upload is not None:
-            return [(client, _ack(sender, mav.MAV_MISSION_DENIED, kind))]
+        refusal = self._refusal(kind)
+        if refusal is not None:
+            return [(client, _ack(sender, refusal, kind))]
         return [(client, mav.MAVLink_mission_count_message(*sender, len(self._store.items(kind)), kind))]
 
     def _on_request(self, message: Any, client: Hashable) -> Replies:
         sender, kind = _sender(message), message.mission_type
-        if kind not in self._stores:
-            return [(client, _ack(sender, mav.MAV_MISSION_UNSUPPORTED, kind))]
-        if self._upload is not None:
-            return [(client, _ack(sender, mav.MAV_MISSION_DENIED, kind))]
+        refusal = self._refusal(kind)
+        if refusal is not None:
+            return [(client, _ack(sender, refusal, kind))]
         items = self._store.items(kind)
         if message.seq >= len(items):
             # ArduPilot teaches the asker how long the mission really is, then refuses.
@@ -180,6 +178,12 @@ class MissionService:
             return [(client, count), (client, _ack(sender, mav.MAV_MISSION_ERROR, kind))]
         integers = message.get_type() == "MISSION_REQUEST_INT"
         return [(client, missions.to_message(items[message.seq], message.seq, kind, sender, integers))]
+
+    def _refusal(self, kind: int) -> int | None:
+        """Why nothing of this kind can be read now."""
+        if kind not in self._stores:
+            return int(mav.MAV_MISSION_UNSUPPORTED)
+        return None if self._upload is None else int(mav.MAV_MISSION_DENIED)
 
     def _on_clear(self, message: Any, client: Hashable) -> Replies:
         sender, kind = _sender(message), message.mission_type

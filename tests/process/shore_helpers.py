@@ -11,7 +11,7 @@ import numpy as np
 import zenoh
 
 from autonomy.effects import Topic
-from autonomy.endpoints import session_settings
+from autonomy.endpoints import Certificates, session_settings
 from autonomy.learning.calibration import CalibrationFigures
 from autonomy.learning.kernel import Hyperparameters
 from autonomy.learning.sparse_gp import SparseOnlineGP
@@ -148,9 +148,11 @@ def router(endpoint: str) -> Iterator[zenoh.Session]:
 
 
 @contextlib.contextmanager
-def publisher(endpoint: str, vehicle: str = "boat1", backlog: int = 5000) -> Iterator[Publisher]:
+def publisher(
+    endpoint: str, vehicle: str = "boat1", backlog: int = 5000, certificates: Certificates | None = None
+) -> Iterator[Publisher]:
     """A started publisher that dials an address."""
-    boat = Publisher(vehicle, [endpoint], backlog=backlog)
+    boat = Publisher(vehicle, [endpoint], backlog=backlog, certificates=certificates)
     boat.start()
     try:
         yield boat

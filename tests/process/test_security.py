@@ -20,7 +20,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 sys.path.insert(0, str(Path(__file__).parent))
 from at_sea import VEHICLE, VESSEL, configure, operating
 from processes import Processes, free_port, wait_until
-from shore_helpers import SOON_S, health_notice, learnt_model, model_snapshot, observation, plan_notice
+from shore_helpers import (
+    health_notice,
+    learnt_model,
+    model_snapshot,
+    observation,
+    plan_notice,
+    publisher,
+)
 
 from autonomy.effects import Topic
 from autonomy.endpoints import Certificates, session_settings
@@ -94,16 +101,6 @@ def session(mode: Any, address: str, papers: Certificates) -> Any:
     return opened(config)
 
 
-@contextlib.contextmanager
-def publishing(vehicle: str, address: str, papers: Certificates) -> Iterator[Publisher]:
-    boat = Publisher(vehicle, [address], certificates=papers)
-    boat.start()
-    try:
-        yield boat
-    finally:
-        boat.stop(SOON_S)
-
-
 def publish_all(boat: Publisher) -> None:
     boat.publish(Topic.PLAN, plan_notice())
     boat.publish(Topic.HEALTH, health_notice())
@@ -116,7 +113,7 @@ def test_with_its_own_certificate_everything_gets_through(papers: Path, protocol
     with (
         guarded_router(papers, address),
         Subscriber("*", [address], certificates=certificates(papers, "shore")) as shore,
-        publishing("boat1", address, certificates(papers, "boat1")) as boat,
+        publisher(address, "boat1", certificates=certificates(papers, "boat1")) as boat,
     ):
         publish_all(boat)
         wait_until(lambda: shore.latest("boat1").plan, what="a plan")
@@ -147,8 +144,8 @@ def test_who_is_refused_delivers_nothing_and_health_shows_it(
         guarded_router(papers, address) as router,
         session("client", address, certificates(papers, "shore")) as ashore,
         Subscriber("*", [address], certificates=certificates(papers, "shore")) as shore,
-        publishing(vehicle, address, own) as boat,
-        publishing("boat2" if vehicle == "boat1" else "boat1", address, Certificates()) as nobody,
+        publisher(address, vehicle, certificates=own) as boat,
+        publisher(address, "boat2" if vehicle == "boat1" else "boat1", certificates=Certificates()) as nobody,
     ):
         for each in (router, ashore):
             each.declare_subscriber("**", lambda sample: heard.append(str(sample.key_expr)))
@@ -163,7 +160,7 @@ def test_who_is_refused_delivers_nothing_and_health_shows_it(
         assert shore.vehicles() == []
         assert boat.status.trouble.startswith(says)
         # The same router at the same time: it is not that nothing gets through at all.
-        with publishing("boat1", address, certificates(papers, "boat1")) as welcome:
+        with publisher(address, "boat1", certificates=certificates(papers, "boat1")) as welcome:
             publish_all(welcome)
             wait_until(lambda: shore.latest("boat1").plan, what="the welcome one's plan")
 
@@ -182,7 +179,7 @@ def test_a_boat_tells_a_foreign_router_nothing(papers: Path, foreign: Path) -> N
         listening = certificates(router_papers, "router", papers)
         for path, value in session_settings("router", listen=[address], certificates=listening).items():
             config.insert_json5(path, json.dumps(value))
-        with opened(config) as router, publishing("boat1", address, own) as boat:
+        with opened(config) as router, publisher(address, "boat1", certificates=own) as boat:
             router.declare_subscriber("**", lambda sample, heard=heard: heard.append(str(sample.key_expr)))
             publish_all(boat)
             if gets_through:
@@ -200,7 +197,7 @@ def test_the_shore_may_ask_a_boat_and_boats_neither_hear_nor_ask_each_other(pape
     overheard: list[str] = []
     with (
         guarded_router(papers, address),
-        publishing("boat1", address, certificates(papers, "boat1")) as boat,
+        publisher(address, "boat1", certificates=certificates(papers, "boat1")) as boat,
         session("client", address, certificates(papers, "boat2")) as other,
         session("client", address, certificates(papers, "shore")) as ashore,
     ):
@@ -405,9 +402,9 @@ def test_watching_with_certificates(papers: Path) -> None:
     key = ("--key", str(papers / "router.key"))
     with Processes() as processes:
         watch = processes.start("-m", "autonomy", "shore", "watch", "--listen", address, *options, *key)
-        with publishing("boat1", address, Certificates(papers / "ca.pem")) as stranger:
+        with publisher(address, "boat1", certificates=Certificates(papers / "ca.pem")) as stranger:
             publish_all(stranger)
-            with publishing("boat2", address, certificates(papers, "boat2")) as boat:
+            with publisher(address, "boat2", certificates=certificates(papers, "boat2")) as boat:
                 publish_all(boat)
                 watch.wait_for("boat2: connected")
             assert stranger.status.trouble.startswith("not connected")

@@ -3,15 +3,18 @@
 HALOCLINE_REPLAY_S says how long it is (300 s, unless set); from an hour on the replay is held to its time too.
 """
 
-import importlib.util
 import itertools
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "replays"))
+import golden
 
 from autonomy.records import Asked
 from autonomy.replay import replay
@@ -21,13 +24,6 @@ from sim.faults import Spikes
 
 LENGTH_S = float(os.environ.get("HALOCLINE_REPLAY_S", "300"))
 HOUR_S = 3600.0
-_specification = importlib.util.spec_from_file_location(
-    "golden_make", Path(__file__).parents[1] / "replays" / "make.py"
-)
-assert _specification is not None
-assert _specification.loader is not None
-make = importlib.util.module_from_spec(_specification)
-_specification.loader.exec_module(make)
 
 
 def operator_meddles(run: Any) -> None:
@@ -84,7 +80,7 @@ def course(run: Any) -> None:
 @pytest.mark.timeout(60 + LENGTH_S)
 def test_every_effect_of_a_long_survey_with_faults_is_the_same(tmp_path: Path) -> None:
     """Every second job crashes too."""
-    run = make.sail(tmp_path, course, make.BrokenWorker())
+    run = golden.sail(tmp_path, course, golden.BrokenWorker())
     outcome = replay(tmp_path, 1)
     speed = outcome.recorded_s / outcome.took_s
     print(

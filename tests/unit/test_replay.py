@@ -1,12 +1,15 @@
 """A recorded run again: the same effects, or the difference is told."""
 
-import importlib.util
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "replays"))
+import golden
 
 from autonomy import cli
 from autonomy.core import Core
@@ -19,11 +22,6 @@ from autonomy.shell.journal import Journal, make_header
 from autonomy.shell.journal_files import Entry, JournalError, Position, journal_files, read_entries
 
 GOLDEN = Path(__file__).parents[1] / "replays"
-_specification = importlib.util.spec_from_file_location("golden_make", GOLDEN / "make.py")
-assert _specification is not None
-assert _specification.loader is not None
-make = importlib.util.module_from_spec(_specification)
-_specification.loader.exec_module(make)
 
 
 @pytest.fixture(scope="module")
@@ -33,14 +31,14 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
 
     def course(run: Any) -> None:
         run.advance(200.0)
-        make.operator(run)
+        golden.operator(run)
         run.cut_link()
         run.advance(10.0)
         run.restore_link()
         run.advance(60.0)
         run.happened(StopRequested())
 
-    return folder, make.sail(folder, course, make.BrokenWorker())
+    return folder, golden.sail(folder, course, golden.BrokenWorker())
 
 
 @pytest.fixture
@@ -111,14 +109,14 @@ def test_jobs_are_recomputed_and_compared(recorded: tuple[Path, Any]) -> None:
 def test_a_job_with_another_result_is_told(
     recorded: tuple[Path, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run = make.jobs.run
+    run = golden.jobs.run
 
     def other(name: str, request: Any, survey: Any) -> Any:
         result = run(name, request, survey)
         result.plan.route_m[0, 0] += 0.5
         return result
 
-    monkeypatch.setattr(make.jobs, "run", other)
+    monkeypatch.setattr(golden.jobs, "run", other)
     code, out, _ = told(capsys, recorded[0], "--diff")
     assert code == 1
     assert "effects, 0 differ" in out
@@ -256,8 +254,8 @@ def test_a_run_without_its_beginning_is_refused(copy: Path, capsys: pytest.Captu
 def test_foreign_headers_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, Any], said: str
 ) -> None:
-    settings = make.configuration()
-    header = {**make_header(settings, make.survey(), now=0.0, utc_s=0.0), **change}
+    settings = golden.configuration()
+    header = {**make_header(settings, golden.survey(), now=0.0, utc_s=0.0), **change}
     journal = Journal.open(tmp_path, settings.journal, header)
     journal.event(0.0, StopRequested())
     journal.close()
@@ -303,8 +301,8 @@ def test_usage(words: list[str]) -> None:
 
 def test_a_run_that_went_on_begins_with_the_one_before(tmp_path: Path) -> None:
     """The first run's core is taken over by a second one after its 300th record, as a restart would."""
-    make.sail(tmp_path, make.worker)
-    settings, area = make.configuration(), make.survey()
+    golden.sail(tmp_path, golden.worker)
+    settings, area = golden.configuration(), golden.survey()
     happened = [
         part
         for part in records(tmp_path)
@@ -334,19 +332,19 @@ def test_a_run_that_went_on_begins_with_the_one_before(tmp_path: Path) -> None:
 # Golden ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", sorted(make.COURSES))
+@pytest.mark.parametrize("name", sorted(golden.COURSES))
 def test_golden(name: str) -> None:
-    """What is sent to the vehicle stays what it was; see make.py for when it may change."""
+    """What is sent to the vehicle stays what it was; see golden.py for when it may change."""
     try:
         outcome = replay(GOLDEN / name, 1, tolerance=1e-6)
     except (CoreRaisedError, JournalError) as error:
         # The recorded results of jobs hold the model's state as it was made up then.
-        pytest.fail(f"{error}; if this is meant: python tests/replays/make.py")
+        pytest.fail(f"{error}; if this is meant: python tests/replays/golden.py")
     assert not outcome.lost
     assert outcome.events > 1000
     sent = [each for each in outcome.differences if "send " in f"{each.recorded} {each.replayed}"]
-    assert sent == [], "if this is meant: python tests/replays/make.py"
+    assert sent == [], "if this is meant: python tests/replays/golden.py"
 
 
 def test_the_golden_configuration_is_that_of_their_headers() -> None:
-    assert read_configuration(run_header(GOLDEN / "operator", 1)) == make.configuration()
+    assert read_configuration(run_header(GOLDEN / "operator", 1)) == golden.configuration()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from autonomy.learning.calibration import CalibrationFigures
-from autonomy.learning.kernel import Component
+from autonomy.learning.snapshot_parts import component_map
 from autonomy.shore.server.maps import bounds_deg, frame_of
 from autonomy.wire import HealthNotice, ModelSnapshot, ObservationNotice, PlanNotice, SurveyNotice
 
@@ -47,7 +47,7 @@ def model(value: ModelSnapshot, stamp_s: float) -> Plain:
         "model_time_s": value.model_time_s,
         "samples": value.samples,
         "rho": value.rho,
-        "kernel": [_component(component) for component in kernel.components],
+        "kernel": [component_map(component) for component in kernel.components],
         "noise_sd": math.sqrt(kernel.noise_variance),
         "transform": value.model.transform.name,
         "basis": np.round(frame_of(value).to_geodetic(value.model.basis), 7).tolist(),
@@ -63,16 +63,6 @@ def model(value: ModelSnapshot, stamp_s: float) -> Plain:
         "software_version": value.software_version,
         "variable": value.variable,
         "units": value.units,
-    }
-
-
-def _component(component: Component) -> Plain:
-    return {
-        "variance": component.variance,
-        "space": component.space.name,
-        "lengthscales_m": list(component.space.lengthscales_m),
-        "time": component.time.name,
-        "timescale_s": component.time.timescale_s,
     }
 
 

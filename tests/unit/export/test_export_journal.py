@@ -1,7 +1,8 @@
 """A boat's journal is exported by replaying it: what comes out is what the core believed and told at sea."""
 
-import importlib.util
 import shutil
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +12,15 @@ import pytest
 import shapely
 import xarray as xr
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "replays"))
+import golden
+
 from autonomy import cli
 from autonomy.effects import Topic
 from autonomy.events import StopRequested
 from autonomy.geometry import LocalFrame
 from autonomy.shell.journal_files import journal_files
 from autonomy.wire import ModelSnapshot
-
-_specification = importlib.util.spec_from_file_location(
-    "golden_make", Path(__file__).parents[2] / "replays" / "make.py"
-)
-assert _specification is not None
-assert _specification.loader is not None
-make = importlib.util.module_from_spec(_specification)
-_specification.loader.exec_module(make)
 
 NAME = "sea_water_practical_salinity"
 
@@ -38,7 +34,7 @@ def sailed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
         run.advance(240.0)
         run.happened(StopRequested())
 
-    return folder, make.sail(folder, course)
+    return folder, golden.sail(folder, course)
 
 
 def test_maps_and_readings_are_what_was_told_at_sea(sailed: tuple[Path, Any], tmp_path: Path) -> None:
@@ -62,7 +58,7 @@ def test_maps_and_readings_are_what_was_told_at_sea(sailed: tuple[Path, Any], tm
             assert np.abs(mean[inside] - predicted.mean).max() < 5e-6
             error = maps[f"{NAME}_standard_error"][row].values[inside]
             assert np.abs(error - np.sqrt(predicted.variance)).max() < 5e-6
-        water = shapely.intersects_xy(make.survey().water, points[..., 0], points[..., 1])
+        water = shapely.intersects_xy(golden.survey().water, points[..., 0], points[..., 1])
         assert (inside == water).all()
         assert maps.attrs["configuration_hash"] == told[0].configuration_hash
     readings = [one for batch in run.published[Topic.OBSERVATIONS] for one in batch]
@@ -78,16 +74,22 @@ def test_the_journal_of_another_vehicle_is_told(
     assert "is the journal of boat1, not of x" in capsys.readouterr().err
 
 
+def damaged(journal: Path, tmp_path: Path, place: Callable[[bytes], int], size: int) -> Path:
+    """A copy of a journal of one file, with zeros at a place."""
+    folder = tmp_path / "copy"
+    shutil.copytree(journal, folder)
+    (file,) = journal_files(folder)
+    data = bytearray(file.path.read_bytes())
+    at = place(data)
+    data[at : at + size] = bytes(size)
+    file.path.write_bytes(data)
+    return folder
+
+
 def test_damage_in_the_middle_is_told(
     sailed: tuple[Path, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = tmp_path / "copy"
-    shutil.copytree(sailed[0], folder)
-    (file,) = journal_files(folder)
-    data = bytearray(file.path.read_bytes())
-    middle = len(data) * 3 // 4
-    data[middle : middle + 50] = bytes(50)
-    file.path.write_bytes(data)
+    folder = damaged(sailed[0], tmp_path, lambda data: len(data) * 3 // 4, 50)
     code = cli.main(["export", str(folder), "--csv", str(tmp_path / "a")])
     assert "damaged, left out" in capsys.readouterr().err
     assert code in (0, 70)
@@ -96,13 +98,7 @@ def test_damage_in_the_middle_is_told(
 def test_a_journal_whose_beginning_is_gone_is_refused(
     sailed: tuple[Path, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = tmp_path / "copy"
-    shutil.copytree(sailed[0], folder)
-    (file,) = journal_files(folder)
-    data = bytearray(file.path.read_bytes())
-    header_end = data.index(b"\xf5HJ\x1e", 4)
-    data[header_end : header_end + 20] = bytes(20)
-    file.path.write_bytes(data)
+    folder = damaged(sailed[0], tmp_path, lambda data: data.index(b"\xf5HJ\x1e", 4), 20)
     assert cli.main(["export", str(folder), "--csv", str(tmp_path / "a")]) == 65
     assert "its beginning is gone" in capsys.readouterr().err
     assert not (tmp_path / "a").exists()

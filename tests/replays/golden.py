@@ -1,4 +1,4 @@
-"""Makes the golden journals of this folder: `python tests/replays/make.py [NAME …]`, from the repository's root.
+"""Makes the golden journals of this folder: `python tests/replays/golden.py [NAME …]`, from the repository's root.
 
 Each is a short survey on the discrete driver with something going wrong in it. To be made again when what the core does
 changes on purpose; that replays stay equal to them between such changes is what they are for.
