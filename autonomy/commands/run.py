@@ -11,6 +11,9 @@ import sys
 from autonomy.commands.configuration import add_override_argument, doubts, load_with_survey, tell
 from autonomy.config import ConfigurationError
 
+EXIT_ALREADY_RUNNING = 75
+"""EX_TEMPFAIL of sysexits.h: systemd tries again."""
+
 EXIT_SOFTWARE = 70
 """EX_SOFTWARE of sysexits.h; systemd restarts the service after it."""
 
@@ -44,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run until SIGTERM; exit codes: 0 stopped, 70 a bug of ours, 78 configuration."""
+    """Run until SIGTERM; exit codes: 0 stopped, 70 a bug of ours, 75 another one runs already, 78 configuration."""
     try:
         loaded, survey = load_with_survey(arguments.config, arguments.overrides)
     except ConfigurationError as error:
@@ -56,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     from autonomy.shell.allocator import keep_compact
     from autonomy.shell.daemon import Daemon
     from autonomy.shell.journal import open_journal
-    from autonomy.shell.resumption import open_continuity
+    from autonomy.shell.resumption import AlreadyRunningError, open_continuity
     from autonomy.shell.signed_link import open_signed_link
 
     keep_compact()
@@ -87,6 +90,9 @@ def run(arguments: argparse.Namespace) -> int:
             continuity.stopped_early()
         log.info("stopped while it was starting")
         return 0
+    except AlreadyRunningError as error:
+        log.error("%s", error)
+        return EXIT_ALREADY_RUNNING
     except Exception:
         log.exception("the service ends over an error of its own")
         return EXIT_SOFTWARE

@@ -28,6 +28,10 @@ SYNC_S = 5.0
 """Longest wait for the journal before a checkpoint: if its disk refuses, the checkpoint is made all the same."""
 
 
+class AlreadyRunningError(Exception):
+    """Another service has the state that this one would go on from; says so, and where."""
+
+
 class Continuity:
     """Makes the core of a run, and keeps what it knows for the next one.
 
@@ -166,6 +170,9 @@ def open_continuity(
     Returns:
         The continuity, and why there is none although the configuration wants it: better a survey that will not
         outlive its process than none.
+
+    Raises:
+        AlreadyRunningError: another process has it.
     """
     section, journal = configuration.checkpoint, configuration.journal
     if not section.enabled:
@@ -181,7 +188,10 @@ def open_continuity(
         if afresh:
             store.begin_anew()
     except BlockingIOError:
-        problem = f"another service keeps its checkpoints in {folder}"
+        raise AlreadyRunningError(
+            f"another service runs, and keeps its checkpoints in {folder}: two would fight over the boat. Stop that "
+            "one first; or, if it is another boat's, give each a checkpoint.directory of its own"
+        ) from None
     except OSError as error:
         problem = cause(error, folder)
     except ValueError as error:

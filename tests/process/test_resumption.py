@@ -7,6 +7,7 @@ machine with nothing else to do: a second and a half of it are spent on starting
 import os
 import re
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -141,3 +142,18 @@ def test_without_a_journal_it_goes_on_from_the_last_checkpoint(tmp_path: Path) -
                 assert "we don't know" not in service.said
             assert service.stop() == 0
     assert model_of_checkpoint(config, tmp_path / "kept")[1] > 0
+
+
+def test_a_second_service_does_not_sail_the_same_boat(tmp_path: Path) -> None:
+    """Started by hand beside the one that systemd keeps, say: it ends, and says what to do."""
+    config = configure(tmp_path, f"udpin:127.0.0.1:{free_port()}")
+    folder = tmp_path / "state" / "checkpoint"
+    first = Store(folder)
+    words = (sys.executable, "-m", "autonomy", "run", "--config", str(config))
+    environment = {**os.environ, "STATE_DIRECTORY": str(tmp_path / "state")}
+    second = subprocess.run(words, capture_output=True, text=True, env=environment, check=False)
+    first.close()
+    assert second.returncode == 75
+    assert f"another service runs, and keeps its checkpoints in {folder}: two would fight" in second.stderr
+    assert "Traceback" not in second.stderr
+    assert not (tmp_path / "state" / "journal").exists()
