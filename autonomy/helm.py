@@ -286,7 +286,9 @@ class Helm:
         if self.authority.may_transfer:
             sent += self._read_safeguards(now, state, route, scale)
         if not self.dispatch.busy:
-            sent += self._orders.step(now, self.authority.action, route, scale)
+            sent += self._orders.step(now, self.authority.action, state.heartbeats, route, scale)
+            if self._orders.take_undone():
+                self.authority.order_undone(state)
         return sent + self.dispatch.step(now, state, route, scale)
 
     def _ask_streams(self, now: float, route: Route, scale: float) -> list[Any]:

@@ -10,6 +10,9 @@ from autonomy.mavlink.orders import Answer, Order
 from autonomy.mavlink.rover import AUTO, HOLD, mode_name
 from autonomy.notes import Note
 
+SEEN_AFTER = 2
+"""Heartbeats after which it is seen what has become of an order that was accepted; the first may be an older one."""
+
 PAUSE_S = 5.0
 """Protocol time after an order before the next: the vehicle needs a moment to follow, or cannot yet."""
 
@@ -22,6 +25,8 @@ class Orders:
         self._order: Order | None = None
         self._action: Action | None = None
         self._not_before = 0.0
+        self._heartbeats = 0
+        self._accepted_at: int | None = None
         self._notes: list[Note] = []
 
     def next_deadline(self) -> float | None:
@@ -40,14 +45,25 @@ class Orders:
         if self._order is not None:
             self._order.handle(message)
 
-    def step(self, now: float, action: Action, route: Route, time_scale: float) -> list[Any]:
-        """Do what the action asks for; returns messages to send."""
+    def take_undone(self) -> bool:
+        """Whether an order to move was accepted since the last call, and undone before it was seen to be followed."""
+        if self._accepted_at is None or self._heartbeats < self._accepted_at + SEEN_AFTER:
+            return False
+        self._accepted_at = None
+        if self._action not in (Action.ARM, Action.SELECT_AUTO):
+            return False
+        self._notes.append(Note(f"{self._words(self._action)}: undone at once by somebody", is_warning=True))
+        return True
+
+    def step(self, now: float, action: Action, heartbeats: int, route: Route, time_scale: float) -> list[Any]:
+        """Do what the action asks for, the vehicle's `heartbeats` so far being taken in; returns messages to send."""
+        self._heartbeats = heartbeats
         words = self._words(action)
         if words is None:
-            self._order, self._action, self._not_before = None, None, 0.0
+            self._order, self._action, self._not_before, self._accepted_at = None, None, 0.0, None
             return []
         if action is not self._action:
-            self._order, self._action, self._not_before = None, action, 0.0
+            self._order, self._action, self._not_before, self._accepted_at = None, action, 0.0, None
         if self._order is not None:
             sent = self._order.on_deadline(now)
             self._conclude(now, words)
@@ -62,6 +78,8 @@ class Orders:
         if self._order.answer is not Answer.WAITING:
             refused = self._order.answer is not Answer.ACCEPTED
             self._notes.append(Note(f"{words}: {self._order.answer.value}", is_warning=refused))
+            if not refused and self._accepted_at is None:
+                self._accepted_at = self._heartbeats
             self._order, self._not_before = None, now + PAUSE_S
 
     def _words(self, action: Action) -> str | None:

@@ -165,6 +165,13 @@ class Authority:
             self._hold = Hold.STUCK
             self.observe(state)
 
+    def order_undone(self, state: VehicleState) -> None:
+        """It was set in motion, and somebody has stopped it before we saw it move: he has taken the boat."""
+        self._ever_taken, self._hold = True, Hold.NONE
+        if self.command is Command.HELD:
+            self.command = Command.YIELDED
+        self.observe(state)
+
     def give_up_order(self, state: VehicleState) -> None:
         """It was told to hold or to return, and sails on in AUTO: then it is ours as before, and not told again."""
         if self.command in (Command.STOPPING, Command.SENT_HOME):

@@ -264,6 +264,16 @@ class AuthorityMachine(RuleBasedStateMachine):
         assert self.authority.action not in (Action.HOLD, Action.GO_HOME)
         self.permission = self.authority.decide(self.state)
 
+    @precondition(lambda self: self.authority.action in STARTS)
+    @rule()
+    def order_undone(self) -> None:
+        """It did what it was told, and somebody has stopped it at once."""
+        self.before = self.authority.action
+        self.authority.order_undone(self.state)
+        self.ever_taken, self.away = True, self.sailed
+        self.told_to_hold = self.released = False
+        self.permission = self.authority.decide(self.state)
+
     @rule(allowed=st.booleans())
     def start_from_ashore(self, allowed: bool) -> None:
         self.may_start = allowed

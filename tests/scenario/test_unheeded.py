@@ -138,3 +138,46 @@ def test_an_operator_who_takes_it_meanwhile_has_decided_otherwise(fully: Any) ->
     fully.until("that is over: the operator has taken the boat and given it back", patience_s=20.0)
     fully.advance(100.0)
     assert fully.health.state == "exploring"
+
+
+def undone_at_once(voyage: Any, command: int, act: Any) -> None:
+    """Each time that our order has been carried out the operator undoes it, before a heartbeat tells of it."""
+    carry_out = voyage._carry_out
+
+    def carried_out(effect: Effect) -> None:
+        carry_out(effect)
+        if isinstance(effect, SendMessage) and getattr(effect.message, "command", None) == command:
+            act()
+
+    voyage._carry_out = carried_out
+
+
+@pytest.mark.parametrize("order", ["ARM", "SET_MODE"])
+def test_a_boat_that_is_stopped_as_soon_as_it_starts_is_not_started_again(
+    make_voyage: Any, order: str
+) -> None:
+    """A hand near the propeller: that the boat was armed, or in AUTO, for a moment no heartbeat has told."""
+    voyage = make_voyage(authority={"mode": "full"})
+    acts = {
+        "ARM": (ARM, lambda: voyage.arm(armed=False)),
+        "SET_MODE": (SET_MODE, lambda: voyage.select(Mode.MANUAL)),
+    }
+    undone_at_once(voyage, *acts[order])
+    voyage.until("undone at once by somebody", patience_s=90.0)
+    stopped = voyage.now
+    voyage.advance(100.0)
+    assert not voyage.autopilot.navigator.armed
+    commands = [each.command for each in voyage.said("COMMAND_LONG", stopped)]
+    assert {ARM, SET_MODE}.isdisjoint(commands)
+    assert told(voyage, "start").text == "the operator has taken the boat: he starts it again himself"
+
+
+def test_a_boat_that_is_stopped_as_soon_as_it_goes_on_is_the_operators(fully: Any) -> None:
+    told(fully, "pause", settle_s=10.0)
+    undone_at_once(fully, SET_MODE, lambda: fully.select(Mode.HOLD))
+    told(fully, "resume", settle_s=1.0)
+    fully.until("yielded: the operator has the boat (HOLD)", patience_s=10.0)
+    taken = fully.now
+    fully.advance(100.0)
+    assert fully.traffic(taken) == []
+    assert fully.autopilot.navigator.mode is Mode.HOLD

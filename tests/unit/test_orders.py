@@ -23,9 +23,10 @@ def ack(result: int, command: int) -> Any:
     return Codec(1, 191).decode(Codec(1, 1).encode(message))[0]
 
 
-def step(orders: Orders, now: float, action: Action) -> list[tuple[float, ...]]:
+def step(orders: Orders, now: float, action: Action, heartbeats: int = 0) -> list[tuple[float, ...]]:
     """The commands given, with their first two parameters."""
-    return [(each.command, each.param1, each.param2) for each in orders.step(now, action, ROUTE, 1.0)]
+    sent = orders.step(now, action, heartbeats, ROUTE, 1.0)
+    return [(each.command, each.param1, each.param2) for each in sent]
 
 
 @pytest.mark.parametrize("action", QUIET)
@@ -101,3 +102,29 @@ def test_nothing_is_repeated_once_the_action_is_over() -> None:
     for now in (11.5, 13.0, 100.0):
         assert step(orders, now, Action.LISTEN) == []
     assert step(orders, 100.1, Action.ARM) == [(ARM, 1.0, 0.0)], "and no pause is left of before"
+
+
+@pytest.mark.parametrize("action", SPEAKS)
+def test_what_was_accepted_and_is_still_wanted_two_heartbeats_later_was_undone(action: Action) -> None:
+    orders, command = Orders(RTL), ARM if action is Action.ARM else SET_MODE
+    step(orders, 10.0, action, 100)
+    orders.handle(ack(0, command))
+    step(orders, 10.1, action, 100)
+    step(orders, 11.0, action, 101)
+    assert not orders.take_undone(), "this heartbeat may be an older one"
+    step(orders, 12.0, action, 102)
+    # Whoever stops a boat has taken it; one that does not hold, or return, is told again.
+    assert orders.take_undone() is (action in (Action.ARM, Action.SELECT_AUTO))
+    assert not orders.take_undone()
+
+
+def test_what_was_followed_or_refused_was_not_undone() -> None:
+    orders = Orders(RTL)
+    step(orders, 10.0, Action.SELECT_AUTO, 100)
+    orders.handle(ack(0, SET_MODE))
+    step(orders, 10.1, Action.SELECT_AUTO, 100)
+    step(orders, 11.0, Action.ARM, 101)
+    orders.handle(ack(4, ARM))
+    for beat in range(2, 9):
+        step(orders, 10.0 + beat, Action.ARM, 100 + beat)
+        assert not orders.take_undone()
