@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from autonomy.shell.checkpoint import Checkpoint
 from autonomy.shell.checkpoint_store import Store
+from autonomy.shell.files import cause
 from autonomy.shell.journal_files import Position
 
 log = logging.getLogger(__name__)
@@ -59,9 +60,10 @@ class Keeper:
         try:
             size = self._store.save(checkpoint)
         except (OSError, TypeError, ValueError) as error:
-            if str(error) != self.trouble:
-                log.error("no checkpoint could be written: %s", error)
-            self.trouble = str(error)
+            why = cause(error, self._store.folder) if isinstance(error, OSError) else str(error)
+            if why != self.trouble:
+                log.error("no checkpoint could be written: %s", why)
+            self.trouble = why
             return
         self.trouble = ""
         self.written += 1

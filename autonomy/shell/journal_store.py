@@ -8,7 +8,6 @@ import errno
 import os
 import shutil
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from autonomy.records import encode_header
 from autonomy.shell import tlog
 from autonomy.shell.files import locked
 from autonomy.shell.journal_files import JournalFile, Position, file_name, highest_run, journal_files
+from autonomy.shell.journal_old import OldFiles
 
 RETRY_S = 5.0
 """Pause after the disk refused a file before another is begun."""
@@ -120,8 +120,7 @@ class Store:
         # look older than the checkpoint.
         resumed = header.get("resumed") or [0]
         self.run = 1 + max(highest_run(folder), resumed[0])
-        self._old = deque((file, _size(file)) for file in old)
-        self._old_bytes = sum(size for _, size in self._old)
+        self._old = OldFiles(old)
         self._files = 0
         self._open: _Open | None = None
         self._not_before = -float("inf")
@@ -143,7 +142,7 @@ class Store:
     @property
     def total_bytes(self) -> int:
         """Of all files of the journal."""
-        return self._old_bytes + (0 if self._open is None else self._open.size)
+        return self._old.total_bytes + (0 if self._open is None else self._open.size)
 
     def write(self, items: Sequence[Row | Packet]) -> None:
         """Append records and packets; what the disk refuses is counted as lost."""
@@ -278,20 +277,13 @@ class Store:
         return True
 
     def _give_up_oldest(self) -> None:
-        self._remove_oldest()
+        self._old.remove_oldest()
         self._relieved = True
         self.trouble = _FULL_DISK
 
-    def _remove_oldest(self) -> None:
-        file, size = self._old.popleft()
-        self._old_bytes -= size
-        for path in (file.path, file.stream):
-            with contextlib.suppress(OSError):
-                path.unlink()
-
     def _keep_bound(self) -> None:
         while self._old and self.total_bytes > self._limits.total_bytes:
-            self._remove_oldest()
+            self._old.remove_oldest()
 
     def _keep_room(self) -> None:
         """Leave the disk's last bytes, as many as a file of the journal takes, to others: checkpoints above all."""
@@ -299,7 +291,7 @@ class Store:
             free = self._free_bytes()
             if free >= min(self._limits.file_bytes, MOST_ROOM_BYTES):
                 return
-            size = self._old[0][1]
+            size = self._old.oldest_bytes
             self._give_up_oldest()
             if self._free_bytes() < free + size // 2:
                 # Somebody else has taken it, or the file system frees it later: not all shall go for that.
@@ -345,18 +337,9 @@ class Store:
     def _shut(self) -> None:
         if self._open is not None:
             self._open.close()
-            self._old.append((self._open.file, self._open.size))
-            self._old_bytes += self._open.size
+            self._old.add(self._open.file, self._open.size)
             self._open = None
             self._dirty = False
-
-
-def _size(file: JournalFile) -> int:
-    total = 0
-    for path in (file.path, file.stream):
-        with contextlib.suppress(OSError):
-            total += path.stat().st_size
-    return total
 
 
 def _sync_folder(folder: Path) -> None:

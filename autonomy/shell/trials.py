@@ -15,7 +15,7 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
-from autonomy.shell.files import open_to_read
+from autonomy.shell.files import cause, open_to_read
 from autonomy.shell.journal_files import Position
 
 log = logging.getLogger(__name__)
@@ -36,6 +36,7 @@ class Mark:
     """What is being done, in a file that outlives the process (if not the machine: it is never synced)."""
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         self._descriptor: int | None = None
         self.found: Position | None = None
         """The record in whose midst the run before this one ended."""
@@ -46,7 +47,7 @@ class Mark:
             content = os.pread(self._descriptor, _MARK.size, 0)
             self.found_unproved = any(os.pread(self._descriptor, _UNPROVED.size, _MARK.size))
         except OSError as error:
-            log.error("%s can't be used: %s", path, error)
+            log.error("what is being done can't be marked: %s", cause(error, path))
             return
         if len(content) == _MARK.size and content.strip(b"\0"):
             self.found = Position(*_MARK.unpack(content))
@@ -66,7 +67,7 @@ class Mark:
         try:
             os.pwrite(self._descriptor, data, offset)
         except OSError as error:
-            log.error("what is being done can't be marked any more: %s", error)
+            log.error("what is being done can't be marked any more: %s", cause(error, self._path))
             self.close()
 
     def close(self) -> None:
@@ -220,4 +221,4 @@ class Trials:
         try:
             self._write_file(self._path, json.dumps(content).encode())
         except OSError as error:
-            log.error("%s can't be written: %s", self._path, error)
+            log.error("%s can't be written: %s", self._path, error.strerror)
