@@ -8,13 +8,11 @@ import logging
 import os
 import signal
 from collections.abc import Hashable
-from dataclasses import replace
 from typing import Any
 
-from autonomy.charting import CORNERS, fence_rings, survey_notice
 from autonomy.config import Configuration, ShoreSection
 from autonomy.core import Core
-from autonomy.effects import Answer, Effect, Log, Publish, SendMessage, StartJob, Topic
+from autonomy.effects import Answer, Effect, Log, Publish, SendMessage, StartJob
 from autonomy.endpoints import Certificates
 from autonomy.events import (
     CommandReceived,
@@ -28,20 +26,18 @@ from autonomy.events import (
     StopRequested,
 )
 from autonomy.mavlink.codec import Codec
-from autonomy.mavlink.safeguards import Safeguards
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell.allocator import GIVE_BACK_S, give_back
-from autonomy.shell.certificate import doubt
 from autonomy.shell.command_desk import CommandDesk
 from autonomy.shell.journal import Journal
 from autonomy.shell.publisher import Publisher
 from autonomy.shell.resumption import Continuity
 from autonomy.shell.signed_link import SignedLink
 from autonomy.shell.systemd import Notifier
+from autonomy.shell.telling import Telling
 from autonomy.shell.transport import Transport
 from autonomy.shell.transports import open_transport
 from autonomy.shell.worker import Worker
-from autonomy.wire import HealthNotice, PlanNotice
 from autonomy.wire_commands import STATUS, read_token
 
 log = logging.getLogger("autonomy")
@@ -50,9 +46,6 @@ _PROVISIONAL_SYSTEM_ID = 1
 """Our system id until the vehicle's own is known; we take over the vehicle's."""
 
 _TEND_SIGNING_S = 1.0
-
-CERTIFICATE_S = 3600.0
-"""How often our own certificate is looked at: it may expire at sea, or only seem wrong until the clock is set."""
 
 DIGEST_EVERY = 60
 """Reports of health to one digest for satellite modems."""
@@ -85,7 +78,6 @@ class Daemon:
         signed_link: SignedLink | None = None,
     ) -> None:
         self._configuration = configuration
-        self._frame = survey.frame
         self._core = Core(configuration, survey) if continuity is None else continuity.core
         self._continuity = continuity
         self._milestones = self._core.milestones
@@ -111,19 +103,23 @@ class Daemon:
             digest_period_s=DIGEST_EVERY * shore.health_period_s,
             on_command=self._desk.take,
         )
-        self._certificate = (configuration.vehicle.name, shore.tls.certificate, shore.tls.private_key)
-        self._certificate_doubt = doubt(*self._certificate)
-        self._chart = survey_notice(configuration, survey, _corners(shore))
-        self._safeguards: Safeguards | None = None
         self._worker = Worker(survey, self._job_finished, self._job_failed, run=job_runner)
         self._journal = journal
-        self._unrecorded = unrecorded
-        self._unkept = unkept
-        self._journal_told = ""
         self._notifier = Notifier(os.environ)
+        self._telling = Telling(
+            configuration,
+            survey,
+            self._publisher,
+            self._notifier,
+            desk=self._desk,
+            signed_link=signed_link,
+            journal=journal,
+            unrecorded=unrecorded,
+            continuity=continuity,
+            unkept=unkept,
+        )
         self._transport: Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
-        self._status = ""
         self._ended: asyncio.Future[None] | None = None
 
     async def run(self) -> None:
@@ -137,7 +133,7 @@ class Daemon:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._stop)
         self._publisher.start()
-        self._publisher.publish(Topic.SURVEY, self._chart)
+        self._telling.begin()
         self._worker.start()
         if self._continuity is not None:
             self._continuity.begin(self._journal)
@@ -163,7 +159,7 @@ class Daemon:
     async def _until_the_end(self, ended: "asyncio.Future[None]") -> None:
         """Wait for the stop. What keeps worker and link never ends by itself: if one does, so does the run."""
         assert self._transport is not None
-        watch = asyncio.create_task(self._watch_certificate())
+        watch = asyncio.create_task(self._telling.watch_certificate())
         keepers = [self._worker.keeper, self._transport.keeper, watch]
         try:
             await asyncio.wait([ended, *keepers], return_when=asyncio.FIRST_COMPLETED)
@@ -173,11 +169,6 @@ class Daemon:
             if keeper.done():
                 keeper.result()
         ended.result()
-
-    async def _watch_certificate(self) -> None:
-        while True:
-            await asyncio.sleep(CERTIFICATE_S)
-            self._certificate_doubt = await asyncio.to_thread(doubt, *self._certificate)
 
     def _stop(self) -> None:
         if self._ended is None or self._ended.done():
@@ -244,7 +235,7 @@ class Daemon:
         try:
             for effect in self._handle(loop.time(), event):
                 self._carry_out(effect)
-            self._tell_fence()
+            self._telling.fence(self._core.safeguards)
             due = self._core.next_deadline()
         except Exception as error:  # noqa: BLE001 -- whatever it is, the run is over and says so
             self._ended.set_exception(error)
@@ -282,23 +273,6 @@ class Daemon:
         give_back()
         asyncio.get_running_loop().call_later(GIVE_BACK_S, self._give_back_regularly)
 
-    def _journal_trouble(self) -> str:
-        """What is wrong with the recording and the checkpoints; the log is told when the former changes."""
-        kept = self._unkept if self._continuity is None else self._continuity.trouble
-        return "; ".join(filter(None, (self._recording_trouble(), kept and f"checkpoint: {kept}")))
-
-    def _recording_trouble(self) -> str:
-        if self._journal is None:
-            return self._unrecorded
-        status = self._journal.status
-        if status.trouble != self._journal_told:
-            self._journal_told = status.trouble
-            if status.trouble:
-                log.error("journal: %s", status)
-            else:
-                log.info("journal: runs are recorded again")
-        return str(status)
-
     def _carry_out(self, effect: Effect) -> None:
         match effect:
             case SendMessage(message):
@@ -310,47 +284,12 @@ class Daemon:
                     self._transport.send(packet)
             case StartJob(job_id, name, request, deadline_s):
                 self._worker.submit(job_id, name, request, deadline_s)
-            case Publish(topic, HealthNotice() as health):
-                health = self._completed(health)
-                self._publisher.publish(topic, health)
-                doubts = "".join(f"; {each}" for each in (health.security, health.shore) if each)
-                self._tell_manager(f"{health.state}: {health.reason}{doubts}")
-            case Publish(topic, PlanNotice() as plan):
-                self._publisher.publish(topic, replace(plan, utc_s=self._core.utc_s))
             case Publish(topic, payload):
-                self._publisher.publish(topic, payload)
+                self._telling.publish(topic, payload, self._core.utc_s)
             case Answer():
                 self._desk.answered(effect)
             case Log(level, text):
                 log.log(level.value, "%s", text)
-
-    def _completed(self, health: HealthNotice) -> HealthNotice:
-        """With what the core doesn't tell: UTC, and how the links and the recording are."""
-        ashore = self._publisher.status
-        return replace(
-            health,
-            utc_s=self._core.utc_s,
-            dropped=sum(ashore.dropped.values()),
-            journal=self._journal_trouble(),
-            security="; ".join(filter(None, (self._link_report(), self._desk.report))),
-            shore="; ".join(filter(None, (ashore.trouble, self._certificate_doubt))),
-        )
-
-    def _link_report(self) -> str:
-        return "" if self._signed_link is None else self._signed_link.report
-
-    def _tell_fence(self) -> None:
-        """The chart again, when the autopilot's fence has become known."""
-        safeguards = self._core.safeguards
-        if safeguards is not self._safeguards and safeguards is not None:
-            self._safeguards = safeguards
-            self._chart = replace(self._chart, fence=fence_rings(self._frame, safeguards))
-            self._publisher.publish(Topic.SURVEY, self._chart)
-
-    def _tell_manager(self, status: str) -> None:
-        if status != self._status:
-            self._status = status
-            self._notifier.status(status)
 
     def _feed_watchdog(self) -> None:
         """Tell the service manager that the loop turns: only a loop that runs its timers feeds it."""
@@ -358,12 +297,6 @@ class Daemon:
         if period_s is not None and self._ended is not None and not self._ended.done():
             self._notifier.watchdog()
             asyncio.get_running_loop().call_later(period_s, self._feed_watchdog)
-
-
-def _corners(shore: ShoreSection) -> int:
-    """Corners of outlines, in eight bytes each, that go ashore within ten seconds on a thin link."""
-    rate = shore.rate_limit_bytes_per_s
-    return CORNERS if rate is None else min(CORNERS, int(10.0 * rate / 8.0))
 
 
 def _certificates(shore: ShoreSection) -> Certificates:

@@ -10,12 +10,13 @@ from typing import Any
 import pytest
 import shapely
 
+from autonomy import wire
 from autonomy.config import Configuration
 from autonomy.core import Core
 from autonomy.effects import Publish, Topic
 from autonomy.geometry import LocalFrame
 from autonomy.planning.survey import SurveyArea
-from autonomy.shell import daemon as module
+from autonomy.shell import telling as module
 from autonomy.shell.daemon import Daemon
 from autonomy.wire import HealthNotice, PlanNotice
 
@@ -83,6 +84,20 @@ def test_health_says_why_nothing_is_kept(
 
     health_of(subject, monkeypatch, word)
     assert told[-1] == "checkpoint: /var/lib/halocline: Read-only file system: no checkpoints"
+
+
+def test_health_is_told_however_much_is_wrong(
+    daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    subject = daemon(unkept=f"/{'long/' * 200}: Read-only file system")
+    told: list[HealthNotice] = []
+
+    def word(health: HealthNotice) -> str:
+        told.append(health)
+        return health.journal
+
+    health_of(subject, monkeypatch, word)
+    assert wire.decode(Topic.HEALTH, wire.encode(told[-1])) == told[-1]
 
 
 def test_a_certificate_that_expires_at_sea_is_told(
