@@ -96,7 +96,7 @@ class Core:
             case CommandReceived():
                 self._send(self._directives.take(now, event, stopping=self._stopping))
             case StopRequested():
-                self._stop(now)
+                self._stop()
         if not self._stopping and (news or now >= self.next_deadline()):
             self._step(now)
         effects = self._effects + self._reporter.take() + self._directives.answers()
@@ -229,7 +229,7 @@ class Core:
         self._reporter.planned(plan, self._plans)
         self._send(self._helm.say(f"halocline: plan {self._plans}, {plan.length_m / 1e3:.1f} km"))
 
-    def _stop(self, now: float) -> None:
+    def _stop(self) -> None:
         self._stopping = True
         self._learn(self._gate.release(math.inf))
         self._send(self._helm.say("halocline: service stops"))

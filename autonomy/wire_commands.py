@@ -30,7 +30,6 @@ STATUS = "status"
 MAXIMUM_BYTES = 4096
 """Of a command and of an answer."""
 ID_BYTES = 16
-MAC_BYTES = 32
 LONGEST_VALID_S = 600.0
 SHORTEST_TOKEN = 16
 """Bytes: what a person thinks up in a minute is guessed in one."""

@@ -101,7 +101,7 @@ def _read(dataset: Any, path: Path, variable: str | None) -> GriddedField:
     land = empty if masked is None else empty | masked
     if land.all():
         raise FieldError(f"{name!r} is land or missing everywhere")
-    grid, flips = read_grid(dataset, lat_name, lon_name, horizontal)
+    grid, flips = read_grid(dataset, lat_name, lon_name)
     info = FieldInfo(
         variable=name,
         long_name=str(getattr(data, "long_name", "") or getattr(data, "standard_name", "") or name),

@@ -72,9 +72,7 @@ def horizontal_dimensions(dataset: Any, lat_name: str, lon_name: str) -> tuple[s
     return str(rows), str(columns)
 
 
-def read_grid(
-    dataset: Any, lat_name: str, lon_name: str, horizontal: tuple[str, str]
-) -> tuple[Grid, tuple[slice, slice]]:
+def read_grid(dataset: Any, lat_name: str, lon_name: str) -> tuple[Grid, tuple[slice, slice]]:
     """The grid, and the slices that bring rows and columns of the values into its order."""
     lat = decode(dataset[lat_name], np.asarray(dataset[lat_name][:]))
     lon = decode(dataset[lon_name], np.asarray(dataset[lon_name][:]))

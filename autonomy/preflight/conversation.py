@@ -29,7 +29,6 @@ class Named:
     count: int = 0
     first_s: float = math.nan
     last_s: float = math.nan
-    last_value: float = math.nan
     systems: set[int] = field(default_factory=set)
     components: set[int] = field(default_factory=set)
 
@@ -142,6 +141,6 @@ class Conversation:
         if name not in self.named and len(self.named) >= _MOST_NAMES:
             return
         seen = self.named.setdefault(name, Named(first_s=now))
-        seen.count, seen.last_s, seen.last_value = seen.count + 1, now, message.value
+        seen.count, seen.last_s = seen.count + 1, now
         seen.systems.add(message.get_srcSystem())
         seen.components.add(message.get_srcComponent())

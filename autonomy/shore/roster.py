@@ -18,15 +18,11 @@ LARGEST_MODELS = 32_000_000
 
 @dataclass(frozen=True)
 class VehicleView:
-    """The latest of everything one vehicle has published; None where nothing has come yet.
-
-    `model_received_s` is this process's monotonic clock when the model came in.
-    """
+    """The latest of everything one vehicle has published; None where nothing has come yet."""
 
     vehicle: str
     alive: bool = False
     model: wire.ModelSnapshot | None = None
-    model_received_s: float | None = None
     plan: wire.PlanNotice | None = None
     health: wire.HealthNotice | None = None
     survey: wire.SurveyNotice | None = None
@@ -121,7 +117,7 @@ class Roster:
         self._entries[vehicle] = entry
         return entry
 
-    def keep_model(self, entry: Entry, model: wire.ModelSnapshot, received_s: float) -> None:
+    def keep_model(self, entry: Entry, model: wire.ModelSnapshot) -> None:
         """Take over a new model.
 
         Raises:
@@ -132,7 +128,7 @@ class Roster:
             raise wire.WireError(
                 f"usv/{model.vehicle}/model: there is no room for another model of this size"
             )
-        entry.view = replace(entry.view, model=model, model_received_s=received_s)
+        entry.view = replace(entry.view, model=model)
 
     def _leaver(self) -> str | None:
         """Who makes room for a vehicle with a token."""

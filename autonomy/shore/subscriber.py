@@ -341,7 +341,7 @@ class Subscriber:
                 case wire.ModelSnapshot():
                     if same_model(entry.view.model, value):
                         return
-                    self._roster.keep_model(entry, value, time.monotonic())
+                    self._roster.keep_model(entry, value)
                 case wire.PlanNotice():
                     entry.view = replace(entry.view, plan=value)
                 case wire.HealthNotice():

@@ -67,11 +67,6 @@ class MissionService:
         self._stores = stores
         self._upload: _Upload | None = None
 
-    @property
-    def uploading(self) -> bool:
-        """Whether an upload is under way."""
-        return self._upload is not None
-
     def handle(self, now: float, message: Any, client: Hashable) -> Replies:
         """Answer one message of the protocol; anything else is not answered."""
         kind = message.get_type()

@@ -64,11 +64,10 @@ class Reestimation:
 
 @dataclass(frozen=True)
 class Cost:
-    """CPU seconds: of the core (the learner's updates among them), of its jobs, and of all but the judging."""
+    """CPU seconds: of the core, the learner's updates among them, and of its jobs."""
 
     core_s: float
     jobs_s: float
-    total_s: float
 
 
 @dataclass(frozen=True, eq=False)

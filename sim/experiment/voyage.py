@@ -56,7 +56,6 @@ def sail(orders: Orders) -> Voyage:
     Raises:
         VoyageError: no mission comes on board, or no more samples come.
     """
-    begun_s = thread_time()
     run = _Sailing.begin(orders)
     try:
         run.start_survey()
@@ -68,7 +67,7 @@ def sail(orders: Orders) -> Voyage:
         if not is_over and run.core.learner.samples == known:
             raise VoyageError(f"no more samples come after {known}; the last words: {run.log[-3:]}")
     run.happened(StopRequested())
-    return run.record(thread_time() - begun_s)
+    return run.record()
 
 
 class _MeasuredCore(Core):
@@ -93,7 +92,6 @@ class _Sailing(DiscreteRun):
     reestimates: list[Reestimation] = field(default_factory=list)
     judgements: list[Judgement] = field(default_factory=list)
     has_ended: bool = False
-    judging_s: float = 0.0
     jobs_s: float = 0.0
     _rho_before: float = 0.0
     _judged_parts: int = 0
@@ -191,7 +189,6 @@ class _Sailing(DiscreteRun):
         return replace(learnt, plan=plan)
 
     def _judge(self, occasion: Occasion) -> None:
-        begun_s = thread_time()
         learner = self.core.learner
         model = learner.model(self._time_s)
         rmse, _ = self.orders.waters.judge(model, self._time_s)
@@ -206,10 +203,9 @@ class _Sailing(DiscreteRun):
             model if self.orders.keep_models else None,
         )
         self.judgements.append(judgement)
-        self.judging_s += thread_time() - begun_s
 
-    def record(self, spent_s: float) -> Voyage:
-        """What came of it, after the core's last words; `spent_s` is the CPU time of all."""
+    def record(self) -> Voyage:
+        """What came of it, after the core's last words."""
         assert isinstance(self.core, _MeasuredCore)
         frame = self.orders.waters.survey.frame
         told = [each for batch in self.published[Topic.OBSERVATIONS] for each in batch]
@@ -225,7 +221,7 @@ class _Sailing(DiscreteRun):
             field_std=float(np.nanstd(self.orders.waters.truth(self._time_s))),
             refused=len(told) - len(samples),
             log=tuple(text for _, text in self.log),
-            cost=Cost(self.core.spent_s, self.jobs_s, spent_s - self.judging_s),
+            cost=Cost(self.core.spent_s, self.jobs_s),
         )
 
 
