@@ -38,6 +38,8 @@ READ_AGAIN_S = 600.0
 
 _REMEMBERED_INTERRUPTED = 8
 
+_MANY_MISMATCHES = 20
+
 Mission = tuple[MissionItem, ...]
 
 
@@ -90,6 +92,9 @@ class MissionDispatch:
         self._unread_failures = 0
         self._doubted = False
         self._read_s = 0.0
+        self._mismatches = 0
+        self._compare_due = 0.0
+        self._odd: int | None = None
         self._refusal: str | None = None
         self._notes: list[Note] = []
         self.milestones = 0
@@ -151,16 +156,27 @@ class MissionDispatch:
         self._void()
 
     def compare(self, vehicle: VehicleState) -> None:
-        """Read the mission on board again if it has another length than the one we know."""
+        """Read the mission on board again if its length is not the one we know; ever more rarely if that stays so."""
         if self._machine is not None or self._on_board is None:
             return
-        if not _has_so_many(vehicle, self._on_board):
+        told = _total_of(vehicle)
+        if _fits(told, self._on_board):
+            self._mismatches = 0
+            return
+        self._mismatches = self._mismatches if told == self._odd else 0
+        if not self._mismatches or self._stepped >= self._compare_due:
+            # One that was read and is what we know after all: this autopilot counts otherwise.
+            self._odd = told
+            self._compare_due = self._stepped + min(READ_AGAIN_S, RETRY_S * 2**self._mismatches)
+            self._mismatches = min(self._mismatches + 1, _MANY_MISMATCHES)
             self._note("the mission on board has changed: reading it")
             self._void()
 
     def may_be_on_board(self, vehicle: VehicleState) -> bool:
         """Whether the active plan may still be on board, as far as that is known without reading it."""
-        return self.active is not None and not self._interrupted and _has_so_many(vehicle, self.active.items)
+        return (
+            self.active is not None and not self._interrupted and _fits(_total_of(vehicle), self.active.items)
+        )
 
     def doubt(self, reason: str) -> None:
         """The boat does not seem to sail what we know to be on board: read that again when nothing else is going on."""
@@ -384,9 +400,11 @@ class MissionDispatch:
         )
 
 
-def _has_so_many(vehicle: VehicleState, mission: Mission) -> bool:
-    """Whether the vehicle has as many waypoints on board as this mission, or does not tell."""
-    empty = vehicle.mission_state == mavlink.MISSION_STATE_NO_MISSION
-    total = 0 if empty else vehicle.mission_total
-    # Some autopilots count home, which is item 0.
+def _total_of(vehicle: VehicleState) -> int | None:
+    """How many waypoints the vehicle says are on board; None if it does not."""
+    return 0 if vehicle.mission_state == mavlink.MISSION_STATE_NO_MISSION else vehicle.mission_total
+
+
+def _fits(total: int | None, mission: Mission) -> bool:
+    """Whether a mission may be that long; some autopilots count home, which is item 0."""
     return total is None or total in (len(mission), len(mission) + 1)

@@ -14,6 +14,9 @@ from autonomy.seaway import Seaway
 STALE_POSITION_S = 10.0
 """A vehicle that has not told its position for this long is nowhere: nothing is planned from where it was."""
 
+SAY_AGAIN_S = 20.0
+"""A boat that changes hands and back all the time (a failsafe that flaps) is told of in the same words no sooner."""
+
 SILENT_SENSOR_S = 30.0
 """A survey without readings for this long is told to be one, and sails its plan to the end, and no other."""
 
@@ -66,6 +69,7 @@ class Situation:
         self._in_touch_since = math.inf
         self._heard_reading = -math.inf
         self._since = math.inf
+        self._told: tuple[str, float] | None = None
         self.state = State.WAITING_FOR_VEHICLE
         self.reason = "nothing heard from the autopilot yet"
         self.in_touch = False
@@ -91,7 +95,12 @@ class Situation:
         if before is self.state:
             return None
         self._since = now
-        return reason if self.state in (State.YIELDED, State.RETURNING) else None
+        if self.state not in (State.YIELDED, State.RETURNING):
+            return None
+        if self._told is not None and self._told[0] == reason and now < self._told[1] + SAY_AGAIN_S:
+            return None
+        self._told = (reason, now)
+        return reason
 
     @property
     def wants_plans(self) -> bool:

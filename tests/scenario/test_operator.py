@@ -259,6 +259,19 @@ def test_a_failsafe_has_the_boat(voyage):
     voyage.until("exploring: in AUTO under our mission")
 
 
+def test_a_mode_that_flaps_does_not_fill_the_operators_screen(voyage):
+    voyage.advance(30.0)
+    begun = voyage.now
+    for k in range(60):
+        voyage.select(Mode.AUTO if k % 2 else Mode.HOLD)
+        voyage.advance(1.1)
+    words = [each for each in voyage.said("STATUSTEXT", begun) if "operator has the boat" in str(each.text)]
+    assert 2 <= len(words) <= 5, "one in twenty seconds"
+    voyage.select(Mode.AUTO)
+    voyage.advance(30.0)
+    assert voyage.health.state == "exploring"
+
+
 def test_disarmed_in_auto_and_armed_again(voyage):
     voyage.advance(100.0)
     voyage.arm(armed=False)

@@ -1,6 +1,7 @@
 """Plans on their way on board, against the simulated autopilot: one at a time, and only the newest waits."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -375,6 +376,28 @@ def test_another_length_is_looked_into_once(bench, total):
     assert len(again) == len(lists) + 1
     assert bench.authority.on_board is (OnBoard.REPLACED if total else OnBoard.EMPTY)
     assert not bench.dispatch.permission(bench.state).allowed
+
+
+def test_an_autopilot_that_counts_otherwise_is_asked_ever_more_rarely(bench):
+    bench.start(dispatched("first", 5))
+    begun = bench.now
+
+    def reads():
+        return len(bench.said("MISSION_REQUEST_LIST", begun))
+
+    def told(total, duration_s):
+        for _ in range(duration_s):
+            bench.dispatch.compare(replace(bench.state, mission_total=total))
+            bench.advance(1.0)
+
+    told(10, 300)
+    assert 3 < reads() < 10
+    assert bench.authority.on_board is OnBoard.OURS
+    known = reads()
+    bench.place(dispatched("theirs", 7).items)
+    told(12, 2)
+    assert reads() == known + 1, "another number is another matter"
+    assert bench.authority.on_board is OnBoard.REPLACED
 
 
 @pytest.mark.parametrize("total", [None, 5, 6])
