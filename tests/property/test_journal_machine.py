@@ -35,7 +35,6 @@ FILE_BYTES, FILE_AGE_S, TOTAL_BYTES = 900, 60.0, 5000
 LIMITS = Limits(FILE_BYTES, FILE_AGE_S, TOTAL_BYTES)
 PLENTY = 10**9
 HEADER = {"schema": SCHEMA, "version": VERSION}
-sizes_of_rows = st.lists(st.integers(0, 300), min_size=1, max_size=4)
 Place = tuple[int, int]
 """A record's run and number."""
 

@@ -24,7 +24,6 @@ COMPANION, STATION = "companion", "station"
 LIMIT_S = 60.0
 TICK_S = 0.05
 READS = ("MISSION_REQUEST_LIST", "MISSION_REQUEST_INT")
-WRITES = ("MISSION_COUNT", "MISSION_ITEM_INT")
 which = st.floats(0, 1, exclude_max=True)
 
 

@@ -83,6 +83,12 @@ def test_files_that_are_named_exist(page: Path, said: str) -> None:
     assert (REPOSITORY / said).exists()
 
 
+def test_every_room_is_in_the_table_of_rooms() -> None:
+    table = (REPOSITORY / "docs" / "architecture.md").read_text()
+    modules = {f"autonomy/{file.name}" for file in (REPOSITORY / "autonomy").glob("[!_]*.py")}
+    assert sorted(name for name in modules if f"`{name}`" not in table) == []
+
+
 @named(found(REFERENCE))
 def test_functions_that_are_named_exist(page: Path, said: str) -> None:
     file, _, path = said.partition(":")

@@ -57,7 +57,6 @@ def test_the_same_seed_is_the_same_sea() -> None:
 
 
 LIMITS = st.floats(-1e6, 1e6).map(lambda value: round(value, 3))
-SET = st.sampled_from([("minimum", "maximum"), ("minimum",), ("maximum",)])
 
 
 @settings(deadline=None)
