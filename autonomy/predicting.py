@@ -5,10 +5,9 @@ from typing import Any
 import cbor2
 import numpy as np
 
-from autonomy import plain_cbor
 from autonomy.geometry import FloatArray, LocalFrame
 from autonomy.wire import VERSION
-from autonomy.wire_kinds import FLOAT64_TAG, WireError, brief
+from autonomy.wire_kinds import FLOAT64_TAG, WireError, brief, opened
 from autonomy.wire_values import ModelSnapshot
 
 MAXIMUM_POINTS = 20_000
@@ -63,12 +62,7 @@ def answer(request: bytes, snapshot: ModelSnapshot | None, most: int = MAXIMUM_P
 
 
 def _content(request: bytes) -> dict[str, Any]:
-    try:
-        content = plain_cbor.load(request, maximum_bytes=MAXIMUM_REQUEST, maximum_items=100, maximum_depth=4)
-    except plain_cbor.CBORError as error:
-        raise WireError(f"predict: {error}") from None
-    if not isinstance(content, dict):
-        raise WireError(f"predict: must be a map (got {brief(content)})")
+    content = opened("predict", request, maximum_bytes=MAXIMUM_REQUEST, maximum_items=100, maximum_depth=4)
     if content.get("v") != VERSION:
         raise WireError(f"predict: v: must be {VERSION} (got {brief(content.get('v'))})")
     if ("points_deg" in content) == ("grid" in content):

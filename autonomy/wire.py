@@ -9,12 +9,11 @@ import cbor2
 import numpy as np
 import zstandard
 
-from autonomy import plain_cbor
 from autonomy.effects import Topic
 from autonomy.learning import snapshot
 from autonomy.learning.calibration import CalibrationFigures
 from autonomy.plain_cbor import OBJECT_TAGS
-from autonomy.wire_kinds import FLOAT64_TAG, INT32_TAG, UINT8_TAG, VersionError, WireError, brief
+from autonomy.wire_kinds import FLOAT64_TAG, INT32_TAG, UINT8_TAG, VersionError, WireError, brief, opened
 from autonomy.wire_rules import (
     MAXIMUM_KERNEL,
     MAXIMUM_LINE,
@@ -254,25 +253,26 @@ def parse(topic: Topic, payload: bytes) -> dict[str, Any]:
     Raises:
         WireError: it is none, or too large.
     """
-    try:
-        content = plain_cbor.load(
-            _unpacked(payload), maximum_bytes=MAXIMUM_BYTES, maximum_items=_MAXIMUM_ITEMS, maximum_depth=4
-        )
-    except (plain_cbor.CBORError, zstandard.ZstdError) as error:
-        raise WireError(f"{topic.value}: {error}") from None
-    if not isinstance(content, dict):
-        raise WireError(f"{topic.value}: must be a map (got {brief(content)})")
-    return content
+    return opened(
+        topic.value,
+        _unpacked(topic, payload),
+        maximum_bytes=MAXIMUM_BYTES,
+        maximum_items=_MAXIMUM_ITEMS,
+        maximum_depth=4,
+    )
 
 
-def _unpacked(payload: bytes) -> bytes:
+def _unpacked(topic: Topic, payload: bytes) -> bytes:
     """What was packed, which says before how large it is."""
     if not payload.startswith(zstandard.FRAME_HEADER):
         return payload
-    size = zstandard.get_frame_parameters(payload).content_size
-    if size > MAXIMUM_BYTES:
-        raise plain_cbor.CBORError(f"must have at most {MAXIMUM_BYTES} bytes unpacked")
-    return zstandard.ZstdDecompressor().decompress(payload, max_output_size=MAXIMUM_BYTES)
+    try:
+        size = zstandard.get_frame_parameters(payload).content_size
+        if size > MAXIMUM_BYTES:
+            raise WireError(f"{topic.value}: must have at most {MAXIMUM_BYTES} bytes unpacked")
+        return zstandard.ZstdDecompressor().decompress(payload, max_output_size=MAXIMUM_BYTES)
+    except zstandard.ZstdError as error:
+        raise WireError(f"{topic.value}: {error}") from None
 
 
 def _encode_model(value: ModelSnapshot, inducing: int | None) -> bytes:

@@ -14,7 +14,6 @@ from typing import Any
 
 import cbor2
 
-from autonomy import plain_cbor
 from autonomy import wire_kinds as kinds
 from autonomy.config.private import PrivateFileError, read_private
 from autonomy.effects import Answer, Outcome
@@ -212,13 +211,7 @@ def _opened(kind: str, data: bytes, token: Token | None, rules: dict[str, Rule])
 
 
 def _map(kind: str, data: bytes) -> dict[str, Any]:
-    try:
-        content = plain_cbor.load(data, maximum_bytes=MAXIMUM_BYTES, maximum_items=50, maximum_depth=2)
-    except plain_cbor.CBORError as error:
-        raise WireError(f"{kind}: {error}") from None
-    if not isinstance(content, dict):
-        raise WireError(f"{kind}: must be a map (got {brief(content)})")
-    return content
+    return kinds.opened(kind, data, maximum_bytes=MAXIMUM_BYTES, maximum_items=50, maximum_depth=2)
 
 
 def _id(value: Any) -> bytes:

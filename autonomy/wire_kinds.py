@@ -8,6 +8,8 @@ from typing import Any
 import cbor2
 import numpy as np
 
+from autonomy import plain_cbor
+
 # RFC 8746: little-endian float64 and int32, and bytes.
 FLOAT64_TAG = 86
 INT32_TAG = 78
@@ -35,6 +37,25 @@ def brief(value: Any) -> str:
     if isinstance(value, str):
         return repr(value if len(value) <= 20 else value[:20] + "…")
     return f"a {type(value).__name__}"
+
+
+def opened(
+    what: str, data: bytes, *, maximum_bytes: int, maximum_items: int, maximum_depth: int
+) -> dict[str, Any]:
+    """The map in bytes that may come from anybody; `what` is how they are named in an error.
+
+    Raises:
+        WireError: they are no map of CBOR, or more than they may be; see `plain_cbor.load`.
+    """
+    try:
+        content = plain_cbor.load(
+            data, maximum_bytes=maximum_bytes, maximum_items=maximum_items, maximum_depth=maximum_depth
+        )
+    except plain_cbor.CBORError as error:
+        raise WireError(f"{what}: {error}") from None
+    if not isinstance(content, dict):
+        raise WireError(f"{what}: must be a map (got {brief(content)})")
+    return content
 
 
 def text(maximum: int, pattern: re.Pattern[str] | None = None) -> Rule:
