@@ -1,6 +1,8 @@
 """Who has the boat, as scripts of what the vehicle does."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -211,3 +213,137 @@ def test_what_was_begun_in_full_is_the_operators_once_missions_is_configured(rem
     in_full.command = remembered
     in_full.settle(Command.BEFORE_START)
     assert in_full.command is remembered
+
+
+# Lines of the table, said as a person would ------------------------------------------------------------------------
+
+NO_MISSION = 1
+RTL = replace(AUTO, mode=11)
+IN_HOLD = replace(HOLD, armed=True, system_status=4)
+
+
+def under_way(**options: Any) -> Authority:
+    """In `full`, ours."""
+    authority = Authority(adopt=False, mode="full", **options)
+    authority.mission_read(OnBoard.EMPTY)
+    authority.upload_verified()
+    authority.observe(AUTO)
+    assert authority.in_command
+    return authority
+
+
+def held() -> Authority:
+    authority = under_way()
+    assert authority.hold(AUTO)
+    authority.observe(IN_HOLD)
+    assert authority.command is Command.HELD
+    return authority
+
+
+def returning() -> Authority:
+    authority = under_way(return_battery=0.5)
+    authority.observe(replace(AUTO, battery_remaining=0.4))
+    assert authority.action is Action.GO_HOME
+    authority.observe(RTL)
+    assert authority.command is Command.RETURNING
+    return authority
+
+
+def displaced() -> Authority:
+    authority = started()
+    authority.mission_read(OnBoard.REPLACED)
+    authority.observe(AUTO)
+    assert authority.command is Command.DISPLACED
+    return authority
+
+
+def test_auto_gives_the_boat_back_before_its_mission_is_read_so_that_it_can_be() -> None:
+    authority = started()
+    authority.observe(MANUAL)
+    authority.mission_read(OnBoard.UNREAD)
+    assert not authority.decide(AUTO).allowed
+    assert (authority.command, authority.action) == (Command.OURS, Action.SAIL)
+
+
+def test_under_somebody_elses_mission_we_read_and_do_no_more() -> None:
+    authority = displaced()
+    assert authority.action is Action.READ
+    authority.mission_read(OnBoard.UNREAD)
+    authority.observe(AUTO)
+    assert (authority.command, authority.action) == (Command.DISPLACED, Action.READ)
+
+
+@pytest.mark.parametrize(
+    "cleared", [replace(MANUAL, mission_state=NO_MISSION), replace(HOLD, mission_state=NO_MISSION)]
+)
+@pytest.mark.parametrize("begun", [started, under_way, held, returning, displaced])
+def test_who_clears_the_mission_in_a_mode_that_it_was_not_told_to_take_has_taken_the_boat(
+    begun: Callable[[], Authority], cleared: VehicleState
+) -> None:
+    authority = begun()
+    for _ in range(2):
+        authority.observe(cleared)
+    assert authority.was_ever_taken
+    assert authority.command is Command.BEFORE_START
+    assert authority.action is Action.PREPARE, "or he could not select AUTO"
+
+
+def test_who_clears_the_mission_of_a_boat_that_is_as_it_was_told_to_be_has_not_taken_it() -> None:
+    stopping = under_way()
+    assert stopping.hold(AUTO)
+    for authority in (stopping, held()):
+        authority.observe(replace(IN_HOLD, mission_state=NO_MISSION))
+        assert (authority.command, authority.action) == (Command.BEFORE_START, Action.PREPARE)
+        assert not authority.was_ever_taken
+    brought_home = returning()
+    brought_home.observe(replace(RTL, mission_state=NO_MISSION))
+    assert (brought_home.command, brought_home.action) == (Command.RETURNING, Action.LISTEN)
+
+
+def test_a_boat_that_is_to_hold_goes_home_if_it_must() -> None:
+    authority = under_way(return_battery=0.5)
+    assert authority.hold(AUTO)
+    authority.observe(replace(AUTO, battery_remaining=0.4))
+    assert (authority.command, authority.action) == (Command.SENT_HOME, Action.GO_HOME)
+
+
+def test_on_its_way_home_it_is_told_nothing() -> None:
+    authority = returning()
+    authority.observe(RTL)
+    assert authority.action is Action.LISTEN
+
+
+def test_disarmed_in_auto_or_under_a_failsafe_nothing_is_put_on_board() -> None:
+    authority = Authority(adopt=False)
+    authority.mission_read(OnBoard.EMPTY)
+    authority.upload_verified()
+    ready = replace(AUTO, armed=False, ekf_ok=True, gps_fix_type=3, lat_deg=33.5, lon_deg=-118.5)
+    for state in (ready, replace(ready, ekf_ok=False), replace(HOLD, system_status=5)):
+        authority.observe(state)
+        assert (authority.command, authority.action) == (Command.BEFORE_START, Action.READ)
+
+
+def test_who_stops_a_boat_at_once_has_taken_it() -> None:
+    ready = replace(HOLD, ekf_ok=True, gps_fix_type=3, lat_deg=33.5, lon_deg=-118.5)
+    waiting = Authority(adopt=False, mode="full")
+    waiting.mission_read(OnBoard.EMPTY)
+    waiting.upload_verified()
+    waiting.observe(ready)
+    assert waiting.action is Action.SELECT_AUTO
+    waiting.order_undone(ready)
+    assert (waiting.command, waiting.action, waiting.was_ever_taken) == (
+        Command.BEFORE_START,
+        Action.PREPARE,
+        True,
+    )
+    released = held()
+    released.release(IN_HOLD)
+    assert released.action is Action.SELECT_AUTO
+    released.order_undone(IN_HOLD)
+    assert (released.command, released.action) == (Command.YIELDED, Action.LISTEN)
+
+
+def test_in_the_mode_that_brings_it_home_the_boat_is_the_operators_unless_it_was_sent() -> None:
+    authority = started()
+    authority.observe(RTL)
+    assert (authority.command, authority.action) == (Command.YIELDED, Action.LISTEN)
