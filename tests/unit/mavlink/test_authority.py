@@ -267,6 +267,7 @@ def test_auto_gives_the_boat_back_before_its_mission_is_read_so_that_it_can_be()
 
 def test_under_somebody_elses_mission_we_read_and_do_no_more() -> None:
     authority = displaced()
+    authority.observe(AUTO)
     assert authority.action is Action.READ
     authority.mission_read(OnBoard.UNREAD)
     authority.observe(AUTO)
