@@ -7,6 +7,7 @@ of the same numbers. HALOCLINE_EXAMPLES: how many sequences; without it 12.
 import os
 import shutil
 import tempfile
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -45,12 +46,15 @@ def new() -> Core:
     return Core(CONFIGURATION, SURVEY)
 
 
-def breaking(sound: Callable[[Core, float, Event], list[Effect]]) -> Callable[..., list[Effect]]:
+def breaking(
+    sound: Callable[[Core, float, Event], list[Effect]], tried: Counter[str]
+) -> Callable[..., list[Effect]]:
     """A core that remembers why links were lost, and what it was told twice, and does not survive some reasons."""
 
     def handle(core: Core, now: float, event: Event) -> list[Effect]:
         if isinstance(event, LinkDown):
             if event.reason.startswith(_CRASHES):
+                tried[event.reason] += 1
                 raise ZeroDivisionError("a bug")
             again = event.reason in core._explained
             core._explained.add(f"{event.reason} again" if again else event.reason)
@@ -64,12 +68,13 @@ class Services(RuleBasedStateMachine):
 
     @initialize()
     def begin(self) -> None:
+        self.tried: Counter[str] = Counter()
         self.patch = pytest.MonkeyPatch()
-        self.patch.setattr(Core, "handle", breaking(Core.handle))
+        self.patch.setattr(Core, "handle", breaking(Core.handle, self.tried))
         self.folder = Path(tempfile.mkdtemp(prefix="runs-"))
         self.told: set[str] = set()
         self.crashed: set[Position] = set()
-        self.bad_ends = 0
+        self.bad_ends = self.unsaid = 0
         self.awake = False
         self.start()
 
@@ -115,13 +120,17 @@ class Services(RuleBasedStateMachine):
         self.continuity.keep(self.journal)
 
     @precondition(lambda self: self.bad_ends < FEW)
-    @rule()
-    def crashes_and_starts(self) -> None:
+    @rule(says_so=st.booleans())
+    def crashes_and_starts(self, says_so: bool) -> None:
+        """If it has no time to say so, the next run tries the record once more, and none after that."""
         with pytest.raises(ZeroDivisionError):
             self.hear(LinkDown(f"{_CRASHES} {self.journal.position}"))
         self.crashed.add(self.journal.position)
         self.bad_ends += 1
-        self.continuity.crashed(self.journal)
+        if says_so:
+            self.continuity.crashed(self.journal)
+        else:
+            self.unsaid += 1
         self.leave(in_order=False)
         self.starts_again()
 
@@ -147,6 +156,7 @@ class Services(RuleBasedStateMachine):
         self.start()
         assert self.core._explained == self.told
         assert set(self.continuity.left_out) <= self.crashed
+        assert self.tried.total() <= len(self.crashed) + self.unsaid
 
 
 TestServices = Services.TestCase

@@ -214,6 +214,22 @@ def test_a_torn_tail_is_cut_when_the_next_run_begins(tmp_path: Path, header) -> 
     assert cut_torn_tail(path) == 0
 
 
+def test_two_runs_have_records_of_the_same_numbers(tmp_path: Path, header) -> None:
+    """In several files each: what comes before a position in its own run does not in another."""
+    for run in (1, 2):
+        store = Store(tmp_path, Limits(file_bytes=600, file_age_s=1e9, total_bytes=10**9), header)
+        for number in range(1, 13):
+            store.write([row(number)])
+        store.close()
+        assert len([file for file in journal_files(tmp_path) if file.run == run]) > 2
+    everything = [Position(run, number) for run in (1, 2) for number in range(1, 13)]
+    for at in (Position(1, 0), *everything):
+        parts = list(read_entries(tmp_path, at))
+        assert [part.position for part in parts if isinstance(part, Entry)] == [
+            each for each in everything if each > at
+        ]
+
+
 @pytest.mark.parametrize("makes", [os.mkfifo, os.mkdir])
 @pytest.mark.parametrize("suffix", [".journal", ".tlog"])
 def test_what_is_no_file_is_neither_read_nor_written(tmp_path: Path, header, makes, suffix: str) -> None:
