@@ -57,7 +57,8 @@ accuracy: $(READY)
 
 routes: $(READY)
 	HALOCLINE_ACCURACY=long $(ACCURACY) \
-		tests/accuracy/test_route.py tests/accuracy/test_paper_distance.py tests/accuracy/test_passage.py
+		tests/accuracy/test_route.py tests/accuracy/test_paper_distance.py tests/accuracy/test_passage.py \
+		tests/accuracy/test_moving_voyages.py
 	HALOCLINE_SEEDS=3 $(ACCURACY) tests/accuracy/test_patrol.py
 	HALOCLINE_MISSIONS=500 $(ACCURACY) tests/property/test_budget.py
 	HALOCLINE_VOYAGES=8 $(ACCURACY) tests/scenario/test_budget.py
