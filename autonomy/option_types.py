@@ -4,8 +4,6 @@ import argparse
 import math
 from collections.abc import Callable
 
-from autonomy.wire_rules import VEHICLE_NAME
-
 
 def finite(what: str) -> Callable[[str], float]:
     """A finite number, of what is named for the error: "degrees"."""
@@ -45,15 +43,20 @@ def whole(least: int) -> Callable[[str], int]:
 
 def vehicle_name(text: str) -> str:
     """The name of a vehicle."""
-    if not VEHICLE_NAME.fullmatch(text):
-        raise argparse.ArgumentTypeError(f"must match {VEHICLE_NAME.pattern} (got {text!r})")
-    return text
+    return _vehicle(text, "must match")
 
 
 def vehicle_or_all(text: str) -> str:
     """The name of a vehicle, or * for all."""
-    if text != "*" and not VEHICLE_NAME.fullmatch(text):
-        raise argparse.ArgumentTypeError(f"must be * or match {VEHICLE_NAME.pattern} (got {text!r})")
+    return text if text == "*" else _vehicle(text, "must be * or match")
+
+
+def _vehicle(text: str, right: str) -> str:
+    # What goes over the wire takes a while to import: help on a command need not wait for it.
+    from autonomy.wire_rules import VEHICLE_NAME
+
+    if not VEHICLE_NAME.fullmatch(text):
+        raise argparse.ArgumentTypeError(f"{right} {VEHICLE_NAME.pattern} (got {text!r})")
     return text
 
 

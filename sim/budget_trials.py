@@ -88,6 +88,11 @@ class Outcome:
     overdrawn_legs: list[float] = field(default_factory=list)
     track_m: list[FloatArray] = field(default_factory=list)
 
+    @property
+    def use(self) -> float:
+        """Share of the scarcest usable limit that was spent."""
+        return float((self.spent / self.usable).max())
+
 
 def draw(seed: int, **changes: Any) -> Conditions:
     """The conditions of a random mission; `changes` replace keys of the section `budget`."""
