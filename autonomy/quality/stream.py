@@ -22,6 +22,9 @@ from autonomy.quality.flat_line import FlatLine
 from autonomy.quality.location import Location, Waters
 from autonomy.quality.scale import Scale
 
+_MOST_MISSING = 1e9
+"""A gap counts as no more missing readings than this, however close together two of them once came."""
+
 WARM_UP = 12
 """Readings held back at the beginning of a stream."""
 
@@ -178,7 +181,8 @@ class QualityControl(Generic[T]):
         if passed_s <= self._gap_s:
             self._scale.add_interval(passed_s)
         elif math.isfinite(passed_s) and self._scale.interval_s is not None:
-            self._tally.add_missing(max(1, round(passed_s / self._scale.interval_s) - 1))
+            due = min(passed_s / self._scale.interval_s, _MOST_MISSING)
+            self._tally.add_missing(max(1, round(due) - 1))
         return Flag.GOOD
 
     # Judgement --------------------------------------------------------------------------------------------------

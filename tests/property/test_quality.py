@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from ioos_qc import qartod
 
@@ -149,6 +149,7 @@ readings = st.builds(
 
 @patient
 @given(st.lists(readings, max_size=60), st.booleans())
+@example([Reading(time_s, 0.0, 0.0, 0.0) for time_s in (-1.2e-308, 0.0, 3.0)], False)
 def test_whatever_comes_in_comes_out_once_and_in_order(given_readings, in_time_order):
     if in_time_order:
         given_readings.sort(key=lambda reading: reading.model_time_s)
