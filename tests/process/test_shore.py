@@ -47,11 +47,12 @@ BLOCK = CongestionControl.BLOCK  # or zenoh drops what a busy machine does not t
 
 X_AXIS, Y_AXIS = np.linspace(0, 12_000, 61), np.linspace(0, 9_000, 46)
 WATCH = """
-import argparse, sys
+import argparse
 from autonomy.shore import watch_cli
+from autonomy.verbs import leave
 parser = argparse.ArgumentParser(prog="watch")
 watch_cli.add_arguments(parser)
-sys.exit(watch_cli.run(parser.parse_args()))
+leave(watch_cli.run(parser.parse_args()))
 """
 
 
