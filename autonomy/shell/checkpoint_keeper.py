@@ -1,13 +1,13 @@
 """Checkpoints on their way to the disk, which the control loop does not wait for."""
 
 import logging
-import threading
 from collections.abc import Callable
 
 from autonomy.shell.checkpoint import Checkpoint
 from autonomy.shell.checkpoint_store import Store
 from autonomy.shell.files import cause
 from autonomy.shell.journal_files import Position
+from autonomy.shell.latest import Latest
 
 log = logging.getLogger(__name__)
 
@@ -24,35 +24,17 @@ class Keeper:
     def __init__(self, store: Store, sync: Callable[[Position], object] = lambda position: None) -> None:
         self._store = store
         self._sync = sync
-        self._waiting: Checkpoint | None = None
-        self._closing = False
-        self._changed = threading.Condition()
         self.trouble = ""
         self.written = 0
-        self._thread = threading.Thread(target=self._work, name="checkpoint", daemon=True)
-        self._thread.start()
+        self._latest = Latest("checkpoint", self._write)
 
     def keep(self, checkpoint: Checkpoint) -> None:
         """Have it written; returns at once."""
-        with self._changed:
-            self._waiting = checkpoint
-            self._changed.notify_all()
+        self._latest.put(checkpoint)
 
     def close(self) -> None:
         """Write what waits, and end."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
-        self._thread.join()
-
-    def _work(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting is not None or self._closing)
-                checkpoint, self._waiting = self._waiting, None
-            if checkpoint is None:
-                return
-            self._write(checkpoint)
+        self._latest.close()
 
     def _write(self, checkpoint: Checkpoint) -> None:
         if checkpoint.position is not None:

@@ -5,9 +5,9 @@ A thread of its own writes them: the control loop does not wait for the disk.
 
 import json
 import logging
-import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 from autonomy.config import Configuration
@@ -21,6 +21,7 @@ from autonomy.mavlink.signing import (
     told,
 )
 from autonomy.shell.files import cause, open_to_read, write_atomically
+from autonomy.shell.latest import Latest
 from autonomy.shell.state_directory import state_directory
 
 log = logging.getLogger(__name__)
@@ -51,21 +52,17 @@ class SignedLink:
         unkept: str = "",
         utc_s: Callable[[], float] = time.time,
     ) -> None:
-        self._file = file
         self._unkept = unkept
         self._trouble = ""
-        self._waiting: Pledge | None = None
-        self._closing = False
-        self._changed = threading.Condition()
         self._told = 0
         self.signing = Signing(key, utc_s, link_id, None if file is None else self._load(file))
-        self._thread = threading.Thread(target=self._work, name="signing", daemon=True)
+        self._latest: Latest[Pledge] | None = None
         if file is not None:
             # Before the first packet: a run that is killed early has used timestamps too.
             file.parent.mkdir(parents=True, exist_ok=True)
             self._last = self.signing.pledge()
             write_atomically(file, _encode(self._last))
-            self._thread.start()
+            self._latest = Latest("signing", partial(self._keep, file))
 
     @property
     def report(self) -> str:
@@ -82,23 +79,18 @@ class SignedLink:
                 "MAVLink packets that are not signed as they should be: %s", told(self.signing.refused)
             )
             self._told = total
-        if self._file is None:
+        if self._latest is None:
             return
         pledge = self.signing.pledge()
         if pledge == self._last and not self._trouble:
             return
         self._last = pledge
-        with self._changed:
-            self._waiting = pledge
-            self._changed.notify_all()
+        self._latest.put(pledge)
 
     def close(self) -> None:
         """Write what waits, and end."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
-        if self._thread.is_alive():
-            self._thread.join()
+        if self._latest is not None:
+            self._latest.close()
 
     def _load(self, file: Path) -> Pledge | None:
         try:
@@ -111,22 +103,15 @@ class SignedLink:
             log.error("%s can't be read: packets of earlier runs may be replayed: %s", file, error)
             return None
 
-    def _work(self) -> None:
-        assert self._file is not None
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting is not None or self._closing)
-                pledge, self._waiting = self._waiting, None
-            if pledge is None:
-                return
-            try:
-                write_atomically(self._file, _encode(pledge))
-            except OSError as error:
-                if str(error) != self._trouble:
-                    log.error("signing timestamps can't be kept: %s", error)
-                self._trouble = str(error)
-            else:
-                self._trouble = ""
+    def _keep(self, file: Path, pledge: Pledge) -> None:
+        try:
+            write_atomically(file, _encode(pledge))
+        except OSError as error:
+            if str(error) != self._trouble:
+                log.error("signing timestamps can't be kept: %s", error)
+            self._trouble = str(error)
+        else:
+            self._trouble = ""
 
 
 def open_signed_link(configuration: Configuration, environment: Mapping[str, str]) -> SignedLink | None:
