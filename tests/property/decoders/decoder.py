@@ -22,7 +22,6 @@ class Decoder:
         errors: what it may raise, for anything.
         tokens: what inputs are made of.
         seal: puts mutated content in a frame whose checksum agrees; None: there is none.
-        cost: how many times as costly as others: so many fewer inputs are read.
     """
 
     read: Callable[[bytes], Any]
@@ -30,7 +29,6 @@ class Decoder:
     errors: tuple[type[Exception], ...] = ()
     tokens: Sequence[bytes] = ()
     seal: Callable[[bytes], bytes] | None = None
-    cost: int = 1
 
 
 CBOR_TOKENS = [

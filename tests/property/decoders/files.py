@@ -100,6 +100,6 @@ DECODERS = {
         YAML_TOKENS,
     ),
     "depth": Decoder(reader_of("depth.asc", read_depths), depth_grid, (SurveyError,), NUMBER_TOKENS),
-    "netcdf": Decoder(reader_of("damaged.nc", open_netcdf), netcdf, (FieldError,), NETCDF_TOKENS, cost=50),
+    "netcdf": Decoder(reader_of("damaged.nc", open_netcdf), netcdf, (FieldError,), NETCDF_TOKENS),
     "key": Decoder(read_key, lambda: [b"a phrase\n", b"ab" * 32, bytes(32)], (), [b"\n", b"\r\n"]),
 }

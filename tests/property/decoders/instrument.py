@@ -67,7 +67,7 @@ DECODERS = {
         YAML_TOKENS,
     ),
     "lines": Decoder(
-        read_lines, lines, (), [b"\r", b"\n", b",", b"*", b"$", b"t1=", b"9" * 400, b"e999", b"\xff"], cost=10
+        read_lines, lines, (), [b"\r", b"\n", b",", b"*", b"$", b"t1=", b"9" * 400, b"e999", b"\xff"]
     ),
     "recorded lines": Decoder(
         read_recording,
