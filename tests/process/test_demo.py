@@ -40,18 +40,29 @@ def is_picture(path: Path) -> bool:
     return path.read_bytes().startswith(b"\x89PNG") and path.stat().st_size > 10_000
 
 
-def test_a_short_one_teaches_the_field(tmp_path: Path) -> None:
-    """Re-estimates take a second or two of CPU and the voyage has room for several: a busy machine's is longer."""
-    for seconds in (24, 96):
+def sailed(
+    folder: Path, seconds: tuple[int, int], plans: int, rmse: float, *options: str
+) -> tuple[Running, dict[str, float]]:
+    """A demo that reaches so many plans and that error, in per cent.
+
+    Re-estimates take a second or two of CPU, and the vessel sails on meanwhile, 500 times as fast as life: the voyage
+    has room for several, on a busy machine a longer one.
+    """
+    for length in seconds:
         with Processes() as processes:
-            running = demo(processes, tmp_path, "--seconds", str(seconds), "--speedup", "500")
-            assert running.wait(60.0 + 2.0 * seconds) == 0, running.said
+            running = demo(processes, folder, "--seconds", str(length), *options)
+            status = running.wait(110.0 + 2.0 * length)
+            assert status == 0 or "nothing was learned" in running.said, running.said
             assert running.family() == []
-        outcome = summary(running)
-        if outcome["plans"] >= 4 and outcome["rmse"] < 35:
-            break
-    assert outcome["rmse"] < 35
-    assert outcome["plans"] >= 4
+        if status == 0:
+            outcome = summary(running)
+            if outcome["plans"] >= plans and outcome["rmse"] < rmse:
+                return running, outcome
+    raise AssertionError(f"not {plans} plans and {rmse} %: {running.said}")
+
+
+def test_a_short_one_teaches_the_field(tmp_path: Path) -> None:
+    _, outcome = sailed(tmp_path, (24, 96), 4, 35)
     assert outcome["over_land"] == 0
     assert outcome["legs"] > 100
     assert is_picture(tmp_path / "demo.png")
@@ -83,14 +94,9 @@ def write_roms(path: Path) -> Path:
 
 def test_a_large_roms_file_is_shrunk_and_learnt(tmp_path: Path) -> None:
     field = write_roms(tmp_path / "ocean_his.nc")
-    with Processes() as processes:
-        running = demo(processes, tmp_path, "--field", str(field), "--variable", "salt", "--seconds", "10")
-        assert running.wait(150.0) == 0, running.said
-        assert running.family() == []
-    outcome = summary(running)
+    running, outcome = sailed(tmp_path, (10, 40), 1, 60, "--field", str(field), "--variable", "salt")
     assert "shrunk" in running.said
     assert "to 15 km" in running.said
-    assert outcome["rmse"] < 60
     assert outcome["over_land"] == 0
     assert is_picture(tmp_path / "demo.png")
 
