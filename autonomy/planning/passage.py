@@ -147,10 +147,10 @@ class Passage:
         outside = self._raster.numbers_at(points) < 0
         bent = {}
         for i, j, source in zip(first.tolist(), second.tolist(), which.tolist(), strict=True):
-            cells_on_way = chain(before[source], int(cells[i]), int(cells[j]))
-            way, clear = self.sights(cells_on_way, points[[i, j]], outside[[i, j]])
+            cells_on_way = _chain(before[source], int(cells[i]), int(cells[j]))
+            way, clear = self._sights(cells_on_way, points[[i, j]], outside[[i, j]])
             lengths = np.hypot(*(way[:, None] - way[None]).transpose(2, 0, 1))
-            bent[i, j] = way[shortest(np.where(clear, lengths, np.inf))]
+            bent[i, j] = way[_shortest(np.where(clear, lengths, np.inf))]
         return self._tight(bent)
 
     def _tight(self, bent: dict[tuple[int, int], FloatArray]) -> dict[tuple[int, int], FloatArray]:
@@ -172,7 +172,7 @@ class Passage:
         first = np.cumsum([0, *(len(way) - 1 for way in ways)])[:-1]
         return [bool(clear) for clear in np.logical_and.reduceat(legs, first)]
 
-    def sights(
+    def _sights(
         self, cells: list[int], ends: FloatArray, are_outside: BoolArray
     ) -> tuple[FloatArray, BoolArray]:
         """Some centres of a chain of cells between two ends, and which of all these points see each other.
@@ -239,7 +239,7 @@ def _thinned(chain: FloatArray) -> FloatArray:
     return chain[keep]
 
 
-def chain(before: IntArray, source: int, target: int) -> list[int]:
+def _chain(before: IntArray, source: int, target: int) -> list[int]:
     """The nodes from source to target, given the predecessors, shape (n,), that Dijkstra found from the source."""
     nodes = [target]
     while nodes[-1] != source:
@@ -247,7 +247,7 @@ def chain(before: IntArray, source: int, target: int) -> list[int]:
     return nodes[::-1]
 
 
-def shortest(lengths: FloatArray) -> list[int]:
+def _shortest(lengths: FloatArray) -> list[int]:
     """Nodes of the shortest path from the first to the last node of a graph with edges i → j, i < j."""
     k = len(lengths)
     cost, before = np.full(k, np.inf), np.zeros(k, dtype=np.intp)

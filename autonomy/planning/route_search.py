@@ -22,8 +22,6 @@ _BATCH = 64
 """Moves of each kind looked at in a round."""
 _TOGETHER = 6
 """At most so many of them, apart from each other, are made before the next."""
-_NEAR = 0.1
-"""A cell is put elsewhere within this share of the side, a new one this near to a leg's ends' middle."""
 _STEERING = 3.0
 """By how much the logarithm of the price changes in a round for a length twice the budget."""
 _STEEPEST = 0.15

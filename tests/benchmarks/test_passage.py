@@ -9,11 +9,9 @@ from shapely.geometry import box
 from autonomy.geometry import LocalFrame
 from autonomy.planning.passage import Passage
 from autonomy.planning.raster import Raster
-from autonomy.planning.sailing import Sailing
 from autonomy.planning.shore_cells import with_shore_cells
 from autonomy.planning.survey import SurveyArea
 from autonomy.planning.taut import Shoreline
-from autonomy.planning.timed_passage import TimedPassage
 
 
 @pytest.fixture(scope="module")
@@ -62,18 +60,3 @@ def test_ways_between_spots(report, seconds, archipelago):
     starts, ends = (np.concatenate([path[k : len(path) - 1 + k] for path in bent]) for k in (0, 1))
     spent = seconds(lambda: archipelago.legs_are_clear(starts, ends), 3)
     report(f"checking {len(starts)} legs against the polygons", spent, "Dijkstra alone", alone)
-
-
-def test_quickest_ways_in_a_current(report, seconds, archipelago):
-    passage = Passage(archipelago)
-    points = spots(archipelago, passage, 12)
-
-    def shear(where):
-        return np.stack([0.5 * np.sin(where[:, 1] / 2000), 0.3 * np.cos(where[:, 0] / 3000)], axis=-1)
-
-    timed = TimedPassage(passage, Sailing(1.5, current=shear))
-    still = seconds(lambda: passage.ways(points), 3)
-    spent = seconds(lambda: timed.ways(points), 3)
-    report("quickest ways, 12 points, there and back", spent, "the shortest ways", still)
-    spent = seconds(lambda: TimedPassage(passage, Sailing(1.5, current=shear)), 2)
-    report("times of the whole graph in a current", spent, "the shortest ways", still)
