@@ -68,7 +68,6 @@ class Awakening:
 
     Attributes:
         core: what was made.
-        number: of the newest checkpoint; 0 if there is none.
         position: the journal's record up to which earlier runs have made the core; None if none have.
         last: when that was; None if none have.
         left_out: just after each record that was left out, since it is quarantined.
@@ -89,7 +88,6 @@ class Awakening:
         self._folder = journal_folder
         self._trials = trials
         self._doubtful: list[Position] = []
-        self.number = 0
         self.position: Position | None = None
         self.last: Moment | None = None
         self.left_out: list[Position] = []
@@ -102,7 +100,6 @@ class Awakening:
 
     def _awaken(self) -> Core:
         checkpoints = self._store.load(self._wanted)
-        self.number = max((each.number for each in checkpoints), default=0)
         spoilt = self._trials.source == JOURNAL or self._store.is_spoilt
         for i, checkpoint in enumerate(checkpoints):
             try:

@@ -51,7 +51,7 @@ class Checkpoint:
     """What a core knew at one moment.
 
     Attributes:
-        number: counts the checkpoints of a boat; the highest is the newest.
+        number: counts the written checkpoints of a boat; the highest is the newest. 0 before it is written.
         fits: what a core must have been made with to take it up, by name; see `fits`.
         memory: of the core.
         now: protocol time of the last event that it had heard of, or later.

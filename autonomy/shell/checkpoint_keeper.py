@@ -2,10 +2,10 @@
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 
 from autonomy.shell.checkpoint import Checkpoint
 from autonomy.shell.checkpoint_store import Store
-from autonomy.shell.files import cause
 from autonomy.shell.journal_files import Position
 from autonomy.shell.latest import Latest
 
@@ -15,21 +15,31 @@ log = logging.getLogger(__name__)
 class Keeper:
     """Writes checkpoints in a thread of its own; one that is not written yet gives way to a newer one.
 
+    They are numbered as they are written: one that gave way, or that the disk refused, has no number. Else the next
+    would have replaced the newest of the two generations, not the older.
+
     Before one is written, `sync` has the journal put on the disk up to its position: or after a power cut the
     checkpoint would know what the journal does not, and no replay could come to the same.
 
-    To be used from one thread. `trouble` is why the last one could not be written, empty if it was.
+    To be used from one thread.
+
+    Args:
+        store: where to.
+        sync: see above.
     """
 
     def __init__(self, store: Store, sync: Callable[[Position], object] = lambda position: None) -> None:
         self._store = store
         self._sync = sync
-        self.trouble = ""
-        self.written = 0
-        self._latest = Latest("checkpoint", self._write)
+        self._latest = Latest("checkpoint", self._write, store.folder, "no checkpoint could be written")
+
+    @property
+    def trouble(self) -> str:
+        """Why the last one could not be written, empty if it was."""
+        return self._latest.trouble
 
     def keep(self, checkpoint: Checkpoint) -> None:
-        """Have it written; returns at once."""
+        """Have it written, with a number; returns at once."""
         self._latest.put(checkpoint)
 
     def close(self) -> None:
@@ -39,14 +49,6 @@ class Keeper:
     def _write(self, checkpoint: Checkpoint) -> None:
         if checkpoint.position is not None:
             self._sync(checkpoint.position)
-        try:
-            size = self._store.save(checkpoint)
-        except (OSError, TypeError, ValueError) as error:
-            why = cause(error, self._store.folder) if isinstance(error, OSError) else str(error)
-            if why != self.trouble:
-                log.error("no checkpoint could be written: %s", why)
-            self.trouble = why
-            return
-        self.trouble = ""
-        self.written += 1
-        log.debug("checkpoint %d: %d bytes", checkpoint.number, size)
+        numbered = replace(checkpoint, number=self._store.newest + 1)
+        size = self._store.save(numbered)
+        log.debug("checkpoint %d: %d bytes", numbered.number, size)

@@ -36,6 +36,8 @@ class Store:
         self.folder = folder
         self.is_spoilt = False
         """Whether what was found there is damaged or another version's: the journal may still tell what it was."""
+        self.newest = 0
+        """Number of the newest checkpoint that was loaded or saved."""
         self._reserve = folder / "reserve"
         self._is_short = False
         self._lock: int | None = _lock(folder)
@@ -77,6 +79,7 @@ class Store:
                 self.is_spoilt = self.is_spoilt or changed == ["software"]
             else:
                 found.append(checkpoint)
+        self.newest = max((checkpoint.number for checkpoint in found), default=0)
         return sorted(found, key=lambda checkpoint: -checkpoint.number)
 
     def reject(self, checkpoint: Checkpoint, why: str) -> None:
@@ -86,9 +89,15 @@ class Store:
         self._put_aside(name, "unfit")
 
     def save(self, checkpoint: Checkpoint) -> int:
-        """Write a checkpoint in place of the older one, to the disk itself; returns its size. OSError if that fails."""
+        """Write a checkpoint in place of the older one, to the disk itself; returns its size.
+
+        Raises:
+            OSError: the disk refuses.
+            ValueError, TypeError: see `checkpoint.encode`.
+        """
         data = encode(checkpoint)
         self.write(self.folder / _FILES[checkpoint.number % 2], data)
+        self.newest = checkpoint.number
         self._set_aside_room(max(_LEAST_RESERVE_BYTES, 2 * len(data)))
         return len(data)
 

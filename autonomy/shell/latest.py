@@ -1,8 +1,14 @@
 """Work that the control loop does not wait for, and of which only the newest piece matters."""
 
+import logging
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Generic, TypeVar
+
+from autonomy.shell.files import cause
+
+log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -10,14 +16,24 @@ T = TypeVar("T")
 class Latest(Generic[T]):
     """Gives `work` each value in a thread of its own; one that is not taken yet gives way to a newer one.
 
-    To be used from one thread. `work` must not raise.
+    To be used from one thread. `trouble` is why the last piece of work failed, empty if it did not; whatever it
+    raised, the next is tried.
+
+    Args:
+        name: of the thread.
+        work: what is done with a value; it may wait for the disk.
+        place: where it writes; named in errors of the system that name no file themselves.
+        complaint: what the log says before the reason when the work begins to fail.
     """
 
-    def __init__(self, name: str, work: Callable[[T], object]) -> None:
+    def __init__(self, name: str, work: Callable[[T], object], place: Path, complaint: str) -> None:
         self._do = work
+        self._place = place
+        self._complaint = complaint
         self._waiting: T | None = None
         self._closing = False
         self._changed = threading.Condition()
+        self.trouble = ""
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
@@ -34,6 +50,23 @@ class Latest(Generic[T]):
             self._changed.notify_all()
         self._thread.join()
 
+    def at_once(self, value: T) -> None:
+        """Work on it here and now, before anything was put."""
+        try:
+            self._do(value)
+        except OSError as error:
+            self._complain(cause(error, self._place))
+        except Exception as error:  # noqa: BLE001 -- nobody else would notice that the thread has ended
+            # A bug, or no memory left: the next may go better.
+            self._complain(f"{type(error).__name__}: {error}", error)
+        else:
+            self.trouble = ""
+
+    def _complain(self, why: str, error: Exception | None = None) -> None:
+        if why != self.trouble:
+            log.error("%s: %s", self._complaint, why, exc_info=error)
+        self.trouble = why
+
     def _work(self) -> None:
         while True:
             with self._changed:
@@ -41,4 +74,4 @@ class Latest(Generic[T]):
                 value, self._waiting = self._waiting, None
             if value is None:
                 return
-            self._do(value)
+            self.at_once(value)

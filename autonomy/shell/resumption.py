@@ -56,7 +56,6 @@ class Continuity:
         self._wanted = wanted
         self._trials = Trials(store.folder, store.write)
         self._past = Awakening(make_core, store, wanted, journal_folder, self._trials)
-        self._number = self._past.number
         self._keeper: Keeper | None = None
         self._unmade = ""
         self._began = time.monotonic()
@@ -122,10 +121,9 @@ class Continuity:
             self._unmade = "none can be made, see the log"
             return
         self._unmade = ""
-        self._number += 1
         self._keeper.keep(
             Checkpoint(
-                number=self._number,
+                number=0,  # it gets one when it is written
                 fits=self._wanted,
                 memory=memory,
                 now=present.now,

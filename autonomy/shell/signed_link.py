@@ -20,7 +20,7 @@ from autonomy.mavlink.signing import (
     read_key,
     told,
 )
-from autonomy.shell.files import cause, open_to_read, write_atomically
+from autonomy.shell.files import open_to_read, write_atomically
 from autonomy.shell.latest import Latest
 from autonomy.shell.state_directory import state_directory
 
@@ -39,9 +39,6 @@ class SignedLink:
         file: where timestamps are kept; its folder is made. None: nowhere.
         unkept: why they are not, if they are not.
         utc_s: the wall clock.
-
-    Raises:
-        OSError: the file can't be written.
     """
 
     def __init__(
@@ -53,21 +50,19 @@ class SignedLink:
         utc_s: Callable[[], float] = time.time,
     ) -> None:
         self._unkept = unkept
-        self._trouble = ""
         self._told = 0
-        self.signing = Signing(key, utc_s, link_id, None if file is None else self._load(file))
+        self.signing = Signing(key, utc_s, link_id, None if file is None else _load(file))
         self._latest: Latest[Pledge] | None = None
         if file is not None:
             # Before the first packet: a run that is killed early has used timestamps too.
-            file.parent.mkdir(parents=True, exist_ok=True)
             self._last = self.signing.pledge()
-            write_atomically(file, _encode(self._last))
-            self._latest = Latest("signing", partial(self._keep, file))
+            self._latest = Latest("signing", partial(_keep, file), file, "signing timestamps can't be kept")
+            self._latest.at_once(self._last)
 
     @property
     def report(self) -> str:
         """What was refused, and what is wrong with keeping the timestamps; empty if nothing is."""
-        unkept = self._trouble or self._unkept
+        unkept = self._unkept if self._latest is None else self._latest.trouble
         kept = unkept and f"signing timestamps are not kept: {unkept}"
         return "; ".join(filter(None, (told(self.signing.refused), kept)))
 
@@ -82,7 +77,7 @@ class SignedLink:
         if self._latest is None:
             return
         pledge = self.signing.pledge()
-        if pledge == self._last and not self._trouble:
+        if pledge == self._last and not self._latest.trouble:
             return
         self._last = pledge
         self._latest.put(pledge)
@@ -92,32 +87,11 @@ class SignedLink:
         if self._latest is not None:
             self._latest.close()
 
-    def _load(self, file: Path) -> Pledge | None:
-        try:
-            with open_to_read(file) as stream:
-                data = stream.read(_MAXIMUM_BYTES + 1)
-            return _decode(data)
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError) as error:
-            log.error("%s can't be read: packets of earlier runs may be replayed: %s", file, error)
-            return None
-
-    def _keep(self, file: Path, pledge: Pledge) -> None:
-        try:
-            write_atomically(file, _encode(pledge))
-        except OSError as error:
-            if str(error) != self._trouble:
-                log.error("signing timestamps can't be kept: %s", error)
-            self._trouble = str(error)
-        else:
-            self._trouble = ""
-
 
 def open_signed_link(configuration: Configuration, environment: Mapping[str, str]) -> SignedLink | None:
     """The signing that the configuration asks for, if any; its timestamps go into the service's state directory.
 
-    Where they can't be kept the link is signed all the same, and the report says so.
+    Where they can't be kept the link is signed all the same, the report says so, and it is tried again.
 
     Raises:
         KeyFileError: there is no usable key.
@@ -128,13 +102,27 @@ def open_signed_link(configuration: Configuration, environment: Mapping[str, str
         return None
     try:
         file = state_directory(configuration.vehicle.name, environment) / FILE_NAME
-        return SignedLink(key, section.link_id, file)
-    except OSError as error:
-        problem = cause(error, file)
     except ValueError as error:
-        problem = str(error)
-    log.error("signing timestamps can't be kept: %s", problem)
-    return SignedLink(key, section.link_id, None, problem)
+        log.error("signing timestamps can't be kept: %s", error)
+        return SignedLink(key, section.link_id, None, str(error))
+    return SignedLink(key, section.link_id, file)
+
+
+def _load(file: Path) -> Pledge | None:
+    try:
+        with open_to_read(file) as stream:
+            data = stream.read(_MAXIMUM_BYTES + 1)
+        return _decode(data)
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        log.error("%s can't be read: packets of earlier runs may be replayed: %s", file, error)
+        return None
+
+
+def _keep(file: Path, pledge: Pledge) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(file, _encode(pledge))
 
 
 def _encode(pledge: Pledge) -> bytes:

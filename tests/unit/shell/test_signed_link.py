@@ -17,6 +17,8 @@ from autonomy.shell import signed_link as module
 from autonomy.shell.signed_link import FILE_NAME, SignedLink, open_signed_link
 
 NOW_S = 1_750_000_000.0
+AHEAD_S = 3_000_000_000.0
+"""Of a clock that is ahead of any computer's."""
 KEY = SigningKey(bytes(32))
 AREA: Any = {"area": [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]]}
 
@@ -163,6 +165,46 @@ def test_a_full_disk_is_told_and_the_link_goes_on(
     signed.close()
     assert "No space left" in signed.report
     assert "No space left" in caplog.text
+
+
+def test_a_disk_that_is_full_at_the_start_costs_nothing_that_was_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """What earlier runs have used and accepted is known; once there is room, what this one has is kept too."""
+    file = tmp_path / "key"
+    file.write_bytes(bytes(32))
+    file.chmod(0o600)
+    section = {"key_file": str(file), "form": "key"}
+    settings = Configuration.model_validate({"survey": AREA, "mavlink": {"signing": section}})
+    sender = Codec(1, 1, Signing(KEY, lambda: AHEAD_S))
+    heard = sender.encode(heartbeat())
+    first = link(tmp_path, utc_s=AHEAD_S)
+    assert len(Codec(1, 191, first.signing).decode(heard)) == 1
+    used = ticks(Codec(1, 191, first.signing).encode(heartbeat()))
+    first.tend()
+    first.close()
+    sound = module.write_atomically
+
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(module, "write_atomically", full)
+    again = open_signed_link(settings, {"STATE_DIRECTORY": str(tmp_path)})
+    assert again is not None
+    assert "No space left" in again.report
+    assert caplog.text.count("No space left") == 1
+    codec = Codec(1, 191, again.signing)
+    assert ticks(codec.encode(heartbeat())) > used
+    assert codec.decode(heard) == []
+    monkeypatch.setattr(module, "write_atomically", sound)
+    for _ in range(20_000):  # further than the pledge of the run before
+        used = ticks(codec.encode(heartbeat()))
+    again.tend()
+    again.close()
+    assert "are not kept" not in again.report
+    last = link(tmp_path, utc_s=0.0)
+    assert ticks(Codec(1, 191, last.signing).encode(heartbeat())) > used
+    last.close()
 
 
 def test_without_a_place_for_it_the_link_is_signed_and_says_so(tmp_path: Path) -> None:

@@ -1,0 +1,119 @@
+"""Checkpoints written by a thread of their own: two generations at any time, and no error ends the thread."""
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from autonomy.shell import checkpoint_store
+from autonomy.shell.checkpoint import Checkpoint
+from autonomy.shell.checkpoint_keeper import Keeper
+from autonomy.shell.checkpoint_store import Store
+
+Write = Any
+
+
+def checkpoint(now: float) -> Checkpoint:
+    return Checkpoint(0, {}, {"known": now}, now, 1e9, "boot", None)
+
+
+def kept(folder: Path) -> list[float]:
+    """When the sound checkpoints in a folder were made, newest first."""
+    store = Store(folder)
+    found = [each.now for each in store.load({})]
+    store.close()
+    return found
+
+
+def wait_until(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.002)
+
+
+class Disk:
+    """Waits while it is not `free`, and raises `error` if there is one."""
+
+    def __init__(self, write: Write) -> None:
+        self._sound = write
+        self.free = threading.Event()
+        self.free.set()
+        self.asked = threading.Semaphore(0)
+        self.tried = 0
+        self.error: Exception | None = None
+
+    def write(self, path: Path, data: bytes) -> None:
+        self.asked.release()
+        assert self.free.wait(60.0)
+        try:
+            if self.error is not None:
+                raise self.error
+            self._sound(path, data)
+        finally:
+            self.tried += 1
+
+
+@pytest.fixture
+def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
+    disk = Disk(checkpoint_store.write_atomically)
+    monkeypatch.setattr(checkpoint_store, "write_atomically", disk.write)
+    return disk
+
+
+def test_what_waits_is_written_before_the_end(tmp_path: Path, disk: Disk) -> None:
+    store = Store(tmp_path)
+    keeper = Keeper(store)
+    disk.free.clear()
+    keeper.keep(checkpoint(1.0))
+    disk.asked.acquire()
+    keeper.keep(checkpoint(2.0))
+    disk.free.set()
+    keeper.close()
+    store.close()
+    assert kept(tmp_path) == [2.0, 1.0]
+
+
+def test_where_one_gave_way_the_older_of_two_generations_is_replaced(tmp_path: Path, disk: Disk) -> None:
+    """Not the newest, which would leave one that is two older than the last, or none beside it."""
+    store = Store(tmp_path)
+    keeper = Keeper(store)
+    disk.free.clear()
+    keeper.keep(checkpoint(1.0))
+    disk.asked.acquire()
+    keeper.keep(checkpoint(2.0))
+    keeper.keep(checkpoint(3.0))
+    disk.free.set()
+    keeper.close()
+    store.close()
+    assert kept(tmp_path) == [3.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(28, "No space left on device"), MemoryError("no room"), RecursionError("too deep")]
+)
+def test_whatever_one_failed_over_is_told_and_the_next_replaces_the_older(
+    tmp_path: Path, disk: Disk, error: Exception, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Disk and memory come back; a thread that has ended would not, and nobody would hear of it."""
+    store = Store(tmp_path)
+    keeper = Keeper(store)
+    for now in (1.0, 2.0):
+        keeper.keep(checkpoint(now))
+        wait_until(lambda now=now: store.newest == now)
+    disk.error = error
+    for now in (3.0, 4.0):
+        tried = disk.tried
+        keeper.keep(checkpoint(now))
+        wait_until(lambda tried=tried: disk.tried > tried and keeper.trouble)
+    assert "No space left" in keeper.trouble or str(error) in keeper.trouble
+    disk.error = None
+    keeper.keep(checkpoint(5.0))
+    keeper.close()
+    assert keeper.trouble == ""
+    assert caplog.text.count("no checkpoint could be written") == 1
+    store.close()
+    assert kept(tmp_path) == [5.0, 2.0]
