@@ -1,8 +1,8 @@
 """NetCDF files are tried in a process of their own first: a damaged one may hang the library, or end the process.
 
 HDF5 checks little of what it reads, and follows whatever addresses a file holds. So a child reads the file as it will
-be read here, under limits of time and memory; only what it has survived is opened. To start a child takes most of a
-second, which is why it is done once per file; it leaves no helper of its own behind.
+be read here, under limits of time and memory; only what it has survived is opened. To start a child takes a good tenth
+of a second, which is why it is done once per file; it leaves no helper of its own behind.
 """
 
 import contextlib
