@@ -90,6 +90,7 @@ class Helm:
         self._witness = MissionWitness()
         self._made_current = 0
         self._doubts = 0
+        self._notes: list[Note] = []
 
     @property
     def state(self) -> VehicleState | None:
@@ -202,8 +203,10 @@ class Helm:
 
     def take_notes(self, now: float) -> list[Note]:
         """What happened, and what the autopilot wrote to its operator, since the last call, for the log."""
+        notes, self._notes = self._notes, []
         return (
-            self.dispatch.take_notes()
+            notes
+            + self.dispatch.take_notes()
             + self._orders.take_notes()
             + self._words.notes(now, self.telemetry.take_texts())
         )
@@ -280,6 +283,12 @@ class Helm:
             # However long it was away: it may have started again, or have been given another mission.
             self.link_changed()
             self._conversing = True
+        if self.authority.take_restart():
+            text = (
+                "the autopilot has started again: the boat waits for its operator to arm it and select AUTO"
+            )
+            self._notes.append(Note(text, is_warning=True))
+            sent += self.warn("halocline: autopilot restarted: arm, select AUTO")
         route = Route(state.system_id, self._mavlink.component_id, state.system_id, state.component_id)
         if self.authority.may_speak:
             sent += self._ask_streams(now, route, scale)
@@ -429,6 +438,7 @@ def _authority(configuration: Configuration) -> Authority:
         return_mode=_return_mode(configuration),
         return_battery=section.return_battery if section.mode == "full" else None,
         starts_by_itself=section.mode != "full" or section.start == "by_itself",
+        heeds_start=configuration.shore.commands.accepted,
     )
 
 

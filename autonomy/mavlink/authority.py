@@ -9,6 +9,9 @@ from autonomy.mavlink.authority_table import Action, Command, Event, Mode, Resum
 from autonomy.mavlink.rover import AUTO, HOLD, RTL, mode_name, unsupported
 from autonomy.mavlink.telemetry import VehicleState
 
+JITTER_S = 0.1
+"""A vehicle's clock tells when it began anew as exactly as the link is even."""
+
 
 class OnBoard(Enum):
     """What is known about the mission on board."""
@@ -50,6 +53,7 @@ class Authority:
         return_mode: the autopilot's mode that brings the boat home.
         return_battery: share of the charge with which it returns (mode `full`); None: never.
         starts_by_itself: whether it needs no `start` from ashore (mode `full`).
+        heeds_start: whether anybody ashore can give it `start`.
 
     A reboot leads back to BEFORE_START: the vehicle comes up disarmed, in a mode nobody has chosen, perhaps
     without its mission, and then no operator could select AUTO. A clock alone is a poor witness of that, and
@@ -58,7 +62,11 @@ class Authority:
     boat keeps it, and AUTO gives it to us as ever. A vehicle that is armed from boot on (ARMING_REQUIRE 0) and
     has lost its mission needs its operator, or a restart of the service.
 
-    `full` starts the boat only as long as nobody has ever taken it from us: after that the operator starts it.
+    `full` starts the boat only as long as nobody has ever taken it from us: after that the operator starts it. Nor
+    does a boat start by itself whose autopilot began anew after it had been set in motion, or was about to be: a
+    supply that breaks down under the motor would have it arm again and again. It waits for its operator, or for
+    `start`. What stopped it was not taking it, though, in whichever order heartbeat and clock tell of it.
+
     It is sent home once; an operator who selects AUTO after that has decided otherwise. So has one who selects AUTO
     while it holds.
     """
@@ -72,10 +80,12 @@ class Authority:
         return_battery: float | None = None,
         *,
         starts_by_itself: bool = True,
+        heeds_start: bool = True,
     ) -> None:
         self._adopt = adopt
+        self._is_full = mode == "full"
         self._table = table_of(mode, resume)
-        self._starts_by_itself = starts_by_itself
+        self._starts_by_itself, self._heeds_start = starts_by_itself, heeds_start
         self._start_allowed: bool | None = None
         self._hold = Hold.NONE
         self._return_mode = return_mode
@@ -83,7 +93,8 @@ class Authority:
         self._waiting_on_board = False
         self._reboots = 0
         self._decisive_heartbeat: int | None = None
-        self._ever_taken = False
+        self._taken_at: float | None = None
+        self._ever_set_off = self._has_restarted = False
         self._ever_sent_home = False
         self._ever_armed = False
         self.return_cause: str | None = None
@@ -111,7 +122,7 @@ class Authority:
     @property
     def was_ever_taken(self) -> bool:
         """Whether somebody has ever taken the boat from us."""
-        return self._ever_taken
+        return self._taken_at is not None
 
     @property
     def is_held(self) -> bool:
@@ -138,6 +149,11 @@ class Authority:
         """Whether a mission of ours waits on board for the operator to start it, and might be replaced."""
         preparing = not self.survey_started and self.action in (Action.PREPARE, Action.SELECT_AUTO)
         return preparing and self._waiting_on_board and self.on_board is OnBoard.OURS
+
+    def take_restart(self) -> bool:
+        """Whether since the last call the autopilot of a boat began anew that waits for its operator now."""
+        has_restarted, self._has_restarted = self._has_restarted, False
+        return has_restarted
 
     def ask_for_another(self) -> None:
         """The mission that waits on board is not fit to be started from where the boat is now: replace it, once."""
@@ -167,7 +183,8 @@ class Authority:
 
     def order_undone(self, state: VehicleState) -> None:
         """It was set in motion, and somebody has stopped it before we saw it move: he has taken the boat."""
-        self._ever_taken, self._hold = True, Hold.NONE
+        self._take(state)
+        self._hold = Hold.NONE
         if self.command is Command.HELD:
             self.command = Command.YIELDED
         self.observe(state)
@@ -189,7 +206,7 @@ class Authority:
     def is_ready(self, state: VehicleState) -> bool:
         """Whether it could be started, and nobody has ever taken it from us."""
         sure = state.position_ok and state.ekf_ok is True
-        return sure and self.on_board is OnBoard.OURS and self._waiting_on_board and not self._ever_taken
+        return sure and self.on_board is OnBoard.OURS and self._waiting_on_board and not self.was_ever_taken
 
     def mission_read(self, on_board: OnBoard) -> None:
         """The mission on board was read, or is known to have changed."""
@@ -214,6 +231,8 @@ class Authority:
         """Follow the vehicle's mode, arming, status and reboots."""
         self._ever_armed = self._ever_armed or state.armed
         event = self._event(state)
+        if event is Event.REBOOTED:
+            self._begin_anew(state)
         rule = self._table[self.command, event]
         if event in (Event.REBOOTED, Event.CLEARED, Event.EMPTIED) and rule.after is Command.BEFORE_START:
             if event is Event.REBOOTED or self.command is not Command.BEFORE_START:
@@ -222,7 +241,10 @@ class Authority:
         self.command, self.action = rule.after, rule.action
         if not self.is_held:
             self._hold = Hold.NONE
-        self._ever_taken = self._ever_taken or rule.after in (Command.YIELDED, Command.DISPLACED)
+        if rule.after in (Command.YIELDED, Command.DISPLACED):
+            self._take(state)
+        starting = rule.action in (Action.SELECT_AUTO, Action.ARM)
+        self._ever_set_off = self._ever_set_off or starting or self.survey_started
         self._ever_sent_home = self._ever_sent_home or rule.after is Command.SENT_HOME
         self.reason = self._say(rule.reason, state)
 
@@ -240,6 +262,19 @@ class Authority:
         if self._waiting_on_board and self.on_board is OnBoard.OURS:
             return Permission(False, self.reason)
         return Permission(True, "before the first AUTO a mission is put on board")
+
+    def _take(self, state: VehicleState) -> None:
+        if self._taken_at is None:
+            self._taken_at = state.heard
+
+    def _begin_anew(self, state: VehicleState) -> None:
+        """The autopilot did: what has been seen since then was nobody's will, nor is it to start by itself again."""
+        if self._taken_at is not None and self._taken_at >= state.booted - JITTER_S:
+            self._taken_at = None
+        if self._is_full and self._ever_set_off:
+            self._start_allowed = False
+        after = self._table[self.command, Event.REBOOTED].after
+        self._has_restarted = self._ever_set_off and after is Command.BEFORE_START
 
     def _event(self, state: VehicleState) -> Event:
         if self._has_rebooted(state):
@@ -322,12 +357,13 @@ class Authority:
 
     def _say(self, reason: str, state: VehicleState) -> str:
         battery = state.battery_remaining
+        may_be_told = self.waits_for_start and self._heeds_start and not self.was_ever_taken
         return reason.format(
             unsupported=unsupported(state),
             status=state.system_status,
             mode=mode_name(state.mode),
             disarmed="" if state.armed else ", disarmed",
-            or_start=", or for `start` from ashore" if self.waits_for_start else "",
+            or_start=", or for `start` from ashore" if may_be_told else "",
             stuck=", for it could not be set in motion" if self._hold is Hold.STUCK else "",
             on_board=self._refusal(),
             cause=self.return_cause or f"the battery is at {battery or 0.0:.0%}",

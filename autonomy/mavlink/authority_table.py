@@ -94,6 +94,7 @@ _SENDING = "{cause}: the boat is told to return"
 _STOPPING = "paused from ashore: the boat is told to hold"
 _HELD = "paused from ashore: the boat holds{stuck}"
 _RELEASED = "AUTO is being selected ({mode})"
+_KEPT = "the boat was taken, and stays taken (authority.resume: never)"
 
 _TABLE: Mapping[tuple[Command, Event], Rule] = {
     # Before the survey was started: a mission waits on board, or we wait for leave to put one there.
@@ -202,10 +203,11 @@ _FULL: Mapping[tuple[Command, Event], Rule] = {
 """What is different with `authority.mode: full`."""
 
 _NEVER: Mapping[tuple[Command, Event], Rule] = {
-    **{(before, event): Rule(_Y, _A.LISTEN, "the boat was taken, and stays taken (authority.resume: never)")
-       for before in (_Y, _D) for event in Event},
+    **{(before, event): Rule(_Y, _A.LISTEN, _KEPT) for before in (_Y, _D) for event in Event},
     (_Y, _E.UNSUPPORTED): Rule(_Y, _A.LISTEN, _STRANGE),
     (_Y, _E.FAILSAFE): Rule(_Y, _A.LISTEN, _FAILSAFE),
+    # It comes up disarmed: who sees that before its clock tells of the reboot can't know better.
+    **{(before, _E.REBOOTED): Rule(_Y, _A.LISTEN, _KEPT) for before in (_O, _S, _R, _T, _H)},
 }  # fmt: skip
 """What is different with `authority.resume: never`."""
 
@@ -222,4 +224,7 @@ def table_of(mode: Mode, resume: Resume) -> Mapping[tuple[Command, Event], Rule]
     """The table in force under a configuration."""
     if mode == "observe":
         return _OBSERVE
-    return {**TABLE, **(_FULL if mode == "full" else {}), **(_NEVER if resume == "never" else {})}
+    table = {**TABLE, **(_FULL if mode == "full" else {})}
+    if resume == "never":
+        table.update({line: rule for line, rule in _NEVER.items() if line in table})
+    return table

@@ -1,5 +1,6 @@
 """Model time: the vehicle's own clock, unwrapped, and how fast it runs against ours."""
 
+import math
 from collections import deque
 from enum import Enum
 from statistics import median
@@ -12,6 +13,7 @@ _FORWARD_SLACK_S = 60.0
 _AHEAD_S = 1.0  # whoever stamps by the vehicle's clock knows it no better, nor do we
 _OLDEST_TRANSLATED_S = 90.0
 _STALE_S = 5.0  # protocol time without a stamp that fits, after which the clock itself is doubted
+_SLOWEST = 0.01
 _FASTEST = 1000.0  # no simulation runs faster, in model seconds per second
 _YEAR_2001_USEC = 978_307_200_000_000  # a vehicle without GPS sends zero or its boot time
 _YEAR_2100_USEC = 4_102_444_800_000_000
@@ -118,6 +120,8 @@ class ModelClock:
         self._wrapped = False
         self._rate = ClockRate()
         self.reboots = 0
+        self.booted = -math.inf
+        """Protocol time of the last of them."""
         self.breaks = 0
         """How often the clock did not go on where it was: reboots, and jumps that were none."""
         self.epoch = 0
@@ -216,6 +220,7 @@ class ModelClock:
             return None
         if doubt is _Doubt.REBOOT:
             self.reboots += 1
+            self.booted = now - time_boot_ms / 1000 / max(_SLOWEST, self.rate)
             self._rate.interrupt()
         else:
             self._rate.doubt()  # a simulation that runs at another pace now looks like this

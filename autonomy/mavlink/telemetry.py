@@ -78,6 +78,10 @@ class VehicleState:
     """How often the vehicle's clock started again."""
     heartbeats: int = 0
     """How many of them were heard; mode, arming and status are the last one's."""
+    heard: float = -math.inf
+    """Protocol time at which any of this was last told."""
+    booted: float = -math.inf
+    """Protocol time at which the vehicle last started again, as its clock tells."""
 
     @property
     def position_ok(self) -> bool:
@@ -119,7 +123,7 @@ class Telemetry:
         self._stamped_by_vehicle = stamped_by_vehicle
         self._clock = ModelClock()
         self._epoch = 0
-        self._position_time_s = -math.inf
+        self._heard = self._position_time_s = -math.inf
         self._heartbeats: deque[float] = deque(maxlen=_MISSED_HEARTBEATS + 1)
         self._heartbeat_s = 1.0
         self._readings_heard: dict[tuple[int, int, int, str], float] = {}
@@ -204,7 +208,7 @@ class Telemetry:
 
     def handle(self, now: float, message: Any) -> list[Observation]:
         """Take in one message that arrived at protocol time `now`; returns the observations it completed."""
-        kind = message.get_type()
+        kind, self._heard = message.get_type(), now
         if kind == "HEARTBEAT":
             self._on_heartbeat(now, message)
             return []
@@ -225,8 +229,14 @@ class Telemetry:
 
     def _update(self, **changes: Any) -> None:
         assert self.state is not None
+        clock = self._clock
         self.state = replace(
-            self.state, model_time_s=self._clock.model_time_s, reboots=self._clock.reboots, **changes
+            self.state,
+            model_time_s=clock.model_time_s,
+            reboots=clock.reboots,
+            heard=self._heard,
+            booted=clock.booted,
+            **changes,
         )
 
     def _model_time(self, now: float, time_boot_ms: int) -> float | None:

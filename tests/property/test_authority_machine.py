@@ -62,7 +62,11 @@ class AuthorityMachine(RuleBasedStateMachine):
         """Whether the boat was ours since the vehicle last came up, or its mission was cleared."""
         self.away = False
         """Whether it was then taken, and has not been given back."""
-        self.ever_taken = False
+        self.taken_at: float | None = None
+        """When it was first taken; a reboot, as far as it is told by then, takes nothing."""
+        self.ever_set_off = False
+        """Whether it was ever ours, or told to start."""
+        self.now = 0.0
         self.told_home = False
         self.verified = False
         """Whether a mission of ours waits, verified since the vehicle last came up."""
@@ -77,11 +81,13 @@ class AuthorityMachine(RuleBasedStateMachine):
 
     def hear(self, heartbeat: bool = True, **change: Any) -> None:
         """The vehicle says something; the model follows before the authority is asked."""
+        self.now += 1.0
         beats = self.state.heartbeats + heartbeat
-        self.state = replace(self.state, heartbeats=beats, **change)
+        self.state = replace(self.state, heartbeats=beats, heard=self.now, **change)
         self.before = self.authority.action
         self._follow(heartbeat)
         self.permission = self.authority.decide(self.state)
+        self.ever_set_off = self.ever_set_off or self.authority.action in (*UNDERWAY, *STARTS)
         self.sailed = self.sailed or self.authority.action in UNDERWAY
         self.told_home = self.told_home or self.authority.action is Action.GO_HOME
         self.told_to_hold = self.told_to_hold and self.authority.action is not Action.GO_HOME
@@ -101,7 +107,9 @@ class AuthorityMachine(RuleBasedStateMachine):
         if emptied and self.sailed and not begins_anew:
             # Out of AUTO: who has cleared it has taken the boat.
             as_told = homeward or (self.told_to_hold and self.holds)
-            self.ever_taken = self.ever_taken or not as_told
+            self.take(really=not as_told)
+        if begins_anew:
+            self._begin_anew()
         if begins_anew or emptied:
             self.sailed = self.away = self.told_to_hold = False
             self.verified = self.verified and not came_up
@@ -115,7 +123,23 @@ class AuthorityMachine(RuleBasedStateMachine):
             pass  # told to return and still in AUTO: told again, whatever is on board by now
         elif self.sailed:
             self.away, self.told_to_hold = True, False
-            self.ever_taken = self.ever_taken or not homeward
+            self.take(really=not homeward)
+
+    def _begin_anew(self) -> None:
+        if self.resume == "never":
+            self.take(really=self.sailed)
+        elif self.taken_at is not None and self.taken_at >= self.state.booted:
+            self.taken_at = None
+        if self.ever_set_off:
+            self.may_start = False
+
+    def take(self, *, really: bool = True) -> None:
+        if really and self.taken_at is None:
+            self.taken_at = self.now
+
+    @property
+    def ever_taken(self) -> bool:
+        return self.taken_at is not None
 
     @property
     def sound(self) -> bool:
@@ -171,10 +195,19 @@ class AuthorityMachine(RuleBasedStateMachine):
     def mission_state(self, state: int) -> None:
         self.hear(heartbeat=False, mission_state=state)
 
-    @rule(at_once=st.booleans(), armed=st.booleans(), mode=st.sampled_from([AUTO, HOLD, MANUAL]))
-    def reboot(self, at_once: bool, armed: bool, mode: int) -> None:
+    @rule(
+        heard_before=st.integers(0, 2),
+        at_once=st.booleans(),
+        armed=st.booleans(),
+        mode=st.sampled_from([AUTO, HOLD, MANUAL]),
+    )
+    def reboot(self, heard_before: int, at_once: bool, armed: bool, mode: int) -> None:
+        """Heartbeats may be heard before the clock tells of it."""
+        booted = self.now + 0.5
+        for _ in range(heard_before):
+            self.hear(armed=armed, mode=mode)
         self.comes_up = True
-        self.hear(heartbeat=False, reboots=self.state.reboots + 1)
+        self.hear(heartbeat=False, reboots=self.state.reboots + 1, booted=booted)
         if at_once:
             self.hear(armed=armed, mode=mode)
 
@@ -270,7 +303,8 @@ class AuthorityMachine(RuleBasedStateMachine):
         """It did what it was told, and somebody has stopped it at once."""
         self.before = self.authority.action
         self.authority.order_undone(self.state)
-        self.ever_taken, self.away = True, self.sailed
+        self.take()
+        self.away = self.sailed
         self.told_to_hold = self.released = False
         self.permission = self.authority.decide(self.state)
 

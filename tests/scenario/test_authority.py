@@ -3,10 +3,13 @@
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autonomy.effects import Outcome
+from autonomy.events import MessageReceived
 from sim.autopilot import Mode
 
 from .conftest import boat
 from .test_checkpoint import restart
+from .test_directives import told
 
 
 def test_in_full_the_boat_is_started_and_sent_home_once(make_voyage):
@@ -49,6 +52,63 @@ def lose_heartbeats(voyage, duration_s):
     voyage._take = lambda packets: take(
         [each for each in packets if voyage.now > end or each[1][7:10] != heartbeat]
     )
+
+
+def lose(voyage, duration_s, *kinds):
+    """Messages of these kinds do not reach the service for a while."""
+    happened, end = voyage.happened, voyage.now + duration_s
+
+    def heard(event):
+        lost = isinstance(event, MessageReceived) and event.message.get_type() in kinds
+        if not lost or voyage.now > end:
+            happened(event)
+
+    voyage.happened = heard
+
+
+STARTS = (mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
+STAMPED = ("SYSTEM_TIME", "GLOBAL_POSITION_INT", "NAMED_VALUE_FLOAT")
+ORDERS = {
+    "heartbeat first": (True, 3.5, *STAMPED),
+    "clock first": (False, 3.5, "HEARTBEAT"),
+    "heartbeats lost": (True, 4.5, "HEARTBEAT"),
+    "silence": (False, 12.0, "HEARTBEAT", *STAMPED),
+    "clock long after": (True, 12.0, *STAMPED),
+}
+"""What is heard after a reboot: whether the mission is still on board, and what is lost for how long."""
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_in_full_a_boat_whose_autopilot_began_anew_under_way_waits_to_be_started(make_voyage, order):
+    keep_mission, duration_s, *lost = ORDERS[order]
+    voyage = make_voyage(
+        authority={"mode": "full"},
+        shore={"commands": {"token_file": "boat1.token"}},
+    )
+    voyage.until("exploring: in AUTO under our mission", patience_s=60.0)
+    voyage.advance(15.3)
+    lose(voyage, duration_s, *lost)
+    voyage.reboot(keep_mission=keep_mission)
+    booted = voyage.now
+    voyage.advance(80.0)
+    assert not voyage.autopilot.navigator.armed
+    assert not [each for each in voyage.said("COMMAND_LONG", since=booted) if each.command in STARTS]
+    assert voyage.lines("the autopilot has started again", since=booted)
+    words = [str(each.text) for each in voyage.said("STATUSTEXT", since=booted)]
+    assert sum("autopilot restarted: arm, select AUTO" in each for each in words) == 1
+    assert voyage.health.state == "waiting_for_vehicle"
+    assert "arm and select AUTO, or for `start` from ashore" in voyage.health.reason
+    assert told(voyage, "start").outcome is Outcome.DONE
+    voyage.until("exploring: in AUTO under our mission", patience_s=60.0)
+
+
+def test_in_full_a_boat_that_breaks_down_as_it_is_armed_is_not_armed_again(make_voyage):
+    """The motor draws more than the supply gives: nobody has seen it armed."""
+    voyage = make_voyage(boat(ready_after_s=10.0), authority={"mode": "full"})
+    assert voyage.advance(60.0, until=lambda: voyage.autopilot.navigator.armed)
+    assert not voyage.core._helm.state.armed
+    voyage.autopilot.reboot(voyage.now)
+    assert not voyage.advance(80.0, until=lambda: voyage.autopilot.navigator.armed)
 
 
 @pytest.mark.parametrize("away_s", [0.0, 30.0])

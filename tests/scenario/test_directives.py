@@ -205,7 +205,11 @@ def test_in_full_auto_selected_by_the_operator_ends_the_pause(fully: Any) -> Non
 
 
 def test_in_full_the_boat_starts_when_it_is_told_to(make_voyage: Any) -> None:
-    voyage = make_voyage(boat(ready_after_s=30.0), authority={"mode": "full", "start": "on_command"})
+    voyage = make_voyage(
+        boat(ready_after_s=30.0),
+        authority={"mode": "full", "start": "on_command"},
+        shore={"commands": {"token_file": "boat1.token"}},
+    )
     voyage.advance(10.0)
     assert told(voyage, "start").text.startswith("it is not ready")
     voyage.advance(120.0)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from autonomy.mavlink.authority import Authority, OnBoard
-from autonomy.mavlink.authority_table import Action, Command
+from autonomy.mavlink.authority_table import Action, Command, Mode
 from autonomy.mavlink.rover import mode_name
 from autonomy.mavlink.telemetry import VehicleState
 
@@ -113,23 +113,131 @@ def test_after_a_reboot_the_boat_waits_for_its_operator_anew() -> None:
     assert authority.in_command
 
 
-@pytest.mark.parametrize("taken", [False, True])
-def test_full_starts_a_rebooted_boat_only_if_nobody_has_ever_taken_it(taken: bool) -> None:
+READY = replace(HOLD, heartbeats=10, heard=50.0, ekf_ok=True, gps_fix_type=3, lat_deg=33.5, lon_deg=-118.5)
+SAILS = replace(READY, mode=10, armed=True, system_status=4)
+CLOCK: dict[str, Any] = {"reboots": 1, "booted": 50.5}
+
+
+def beat(number: int, **changes: Any) -> VehicleState:
+    """Heard a second after the one before, from a vehicle that has begun anew half a second after the tenth."""
+    return replace(READY, heartbeats=number, heard=40.0 + number, **changes)
+
+
+ORDERS = {
+    "clock": [replace(SAILS, heard=50.9, **CLOCK), beat(11, **CLOCK)],
+    "heartbeat": [
+        beat(11),
+        *(beat(number) for number in range(12, 30)),
+        beat(29, **CLOCK),
+        beat(30, **CLOCK),
+    ],
+    "both at once": [beat(11, **CLOCK), beat(12, **CLOCK)],
+    "an empty mission": [replace(SAILS, heard=50.9, mission_state=1, **CLOCK), beat(11, **CLOCK)],
+}
+"""Which is heard first after a reboot under way."""
+
+
+def rebooted(authority: Authority, order: str) -> VehicleState:
+    """The autopilot begins anew, and its mission is put on board again."""
+    for state in ORDERS[order]:
+        authority.observe(state)
+        if state.reboots:
+            authority.mission_read(OnBoard.UNREAD if state.mission_state != NO_MISSION else OnBoard.EMPTY)
+            authority.observe(state)
+    authority.mission_read(OnBoard.EMPTY)
+    assert authority.decide(state).allowed, "without a mission no operator could select AUTO"
+    authority.upload_verified()
+    authority.observe(state)
+    return state
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_in_full_a_boat_whose_autopilot_began_anew_under_way_waits_for_its_operator(order: str) -> None:
     authority = Authority(adopt=False, mode="full")
     authority.mission_read(OnBoard.EMPTY)
     authority.upload_verified()
-    authority.observe(AUTO)
+    authority.observe(SAILS)
     assert authority.in_command
-    if taken:
-        authority.observe(MANUAL)
-    ready = replace(HOLD, reboots=1, heartbeats=1, ekf_ok=True, gps_fix_type=3, lat_deg=33.5, lon_deg=-118.5)
-    authority.observe(replace(MANUAL if taken else AUTO, reboots=1))
+    state = rebooted(authority, order)
+    assert (authority.command, authority.action) == (Command.BEFORE_START, Action.PREPARE)
+    assert authority.take_restart()
+    assert not authority.take_restart(), "it is told once"
+    assert not authority.was_ever_taken, "a reboot is nobody's will"
+    assert "arm and select AUTO, or for `start` from ashore" in authority.reason
+    authority.allow_start(True)
+    authority.observe(state)
+    assert authority.action is Action.SELECT_AUTO
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_in_full_a_boat_that_was_taken_before_its_autopilot_began_anew_is_started_by_its_operator(
+    order: str,
+) -> None:
+    authority = Authority(adopt=False, mode="full")
     authority.mission_read(OnBoard.EMPTY)
-    authority.observe(ready)
     authority.upload_verified()
-    authority.observe(ready)
-    assert authority.command is Command.BEFORE_START
-    assert authority.action is (Action.PREPARE if taken else Action.SELECT_AUTO)
+    authority.observe(SAILS)
+    authority.observe(replace(READY, mode=0, armed=True))
+    authority.observe(READY)
+    state = rebooted(authority, order)
+    assert authority.was_ever_taken
+    assert "start" not in authority.reason
+    authority.allow_start(True)
+    authority.observe(state)
+    assert (authority.command, authority.action) == (Command.BEFORE_START, Action.PREPARE)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("seen", ["to be set in motion", "stopped before it was seen to move"])
+def test_in_full_a_boat_that_breaks_down_as_it_is_set_in_motion_is_not_armed_again_and_again(
+    order: str, seen: str
+) -> None:
+    authority = Authority(adopt=False, mode="full")
+    authority.mission_read(OnBoard.EMPTY)
+    authority.upload_verified()
+    authority.observe(READY)
+    assert authority.action is Action.SELECT_AUTO
+    if seen != "to be set in motion":
+        authority.order_undone(beat(11))
+    rebooted(authority, order)
+    assert (authority.action, authority.was_ever_taken) == (Action.PREPARE, False)
+    assert authority.waits_for_start
+
+
+def test_in_full_a_boat_that_was_never_to_be_set_in_motion_starts_by_itself_after_a_reboot() -> None:
+    authority = Authority(adopt=False, mode="full")
+    authority.mission_read(OnBoard.EMPTY)
+    authority.observe(HOLD)
+    rebooted(authority, "clock")
+    assert authority.action is Action.SELECT_AUTO
+    assert not authority.take_restart()
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("mode", ["missions", "full"])
+def test_with_resume_never_a_reboot_under_way_is_a_disarmed_boat(mode: Mode, order: str) -> None:
+    authority = Authority(adopt=False, mode=mode, resume="never")
+    authority.mission_read(OnBoard.EMPTY)
+    authority.upload_verified()
+    authority.observe(SAILS)
+    for state in [*ORDERS[order], replace(SAILS, **CLOCK, heard=90.0, heartbeats=40)]:
+        authority.observe(state)
+    assert (authority.command, authority.action) == (Command.YIELDED, Action.LISTEN)
+    assert not authority.take_restart()
+
+
+def test_nobody_is_told_of_a_start_that_would_be_refused_or_that_nobody_can_give() -> None:
+    ready = replace(READY, heartbeats=0)
+    for heeds_start, taken, told in [(True, False, True), (True, True, False), (False, False, False)]:
+        authority = Authority(adopt=False, mode="full", starts_by_itself=False, heeds_start=heeds_start)
+        authority.mission_read(OnBoard.OURS)
+        if taken:
+            authority.observe(AUTO)
+            for _ in range(2):
+                authority.observe(replace(MANUAL, mission_state=NO_MISSION))
+        authority.observe(ready)
+        assert authority.command is Command.BEFORE_START
+        assert ("start" in authority.reason) is told
 
 
 def test_a_clock_that_starts_again_under_an_armed_boat_gives_us_nothing() -> None:
