@@ -11,11 +11,12 @@ from contextlib import suppress
 from pathlib import Path
 
 from autonomy.shell.checkpoint import MAXIMUM_BYTES, Checkpoint, CheckpointError, decode, encode
-from autonomy.shell.files import locked, open_to_read, write_atomically
-from autonomy.shell.journal_store import FULL
+from autonomy.shell.files import locked, locked_still, open_to_read, write_atomically
+from autonomy.shell.journal_room import FULL
 
 log = logging.getLogger(__name__)
 
+_LOCK = "lock"
 _FILES = ("even.checkpoint", "odd.checkpoint")
 TRIALS_FILES = ("trials.json", "mark")
 """Beside the checkpoints: see `autonomy.shell.trials`."""
@@ -91,11 +92,15 @@ class Store:
     def save(self, checkpoint: Checkpoint) -> int:
         """Write a checkpoint in place of the older one, to the disk itself; returns its size.
 
+        A folder that somebody has removed is made and locked anew.
+
         Raises:
             OSError: the disk refuses.
             ValueError, TypeError: see `checkpoint.encode`.
         """
         data = encode(checkpoint)
+        if self._lock is not None:
+            self._lock = locked_still(self._lock, self.folder / _LOCK)
         self.write(self.folder / _FILES[checkpoint.number % 2], data)
         self.newest = checkpoint.number
         self._set_aside_room(max(_LEAST_RESERVE_BYTES, 2 * len(data)))
@@ -145,7 +150,7 @@ class Store:
 
 
 def _lock(folder: Path) -> int:
-    path = folder / "lock"
+    path = folder / _LOCK
     try:
         return locked(path)
     except OSError as error:

@@ -27,10 +27,28 @@ def locked(path: Path, flags: int = os.O_RDWR | os.O_CREAT) -> int:
     descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(descriptor)
+        raise BlockingIOError(error.errno, "another process uses it", str(path)) from None
     except OSError:
         os.close(descriptor)
         raise
     return descriptor
+
+
+def locked_still(descriptor: int, path: Path) -> int:
+    """The same descriptor of `locked`; or, if somebody has removed the file, a new one of it, in its folder made anew.
+
+    Raises:
+        BlockingIOError: another process has it meanwhile.
+        OSError: it can't be made, opened or locked.
+    """
+    if os.fstat(descriptor).st_nlink:
+        return descriptor
+    path.parent.mkdir(parents=True, exist_ok=True)
+    anew = locked(path)
+    os.close(descriptor)
+    return anew
 
 
 def write_atomically(path: Path, data: bytes) -> None:

@@ -16,20 +16,11 @@ from typing import Any
 from autonomy.frames import cut_torn_tail, pack
 from autonomy.records import encode_header
 from autonomy.shell import tlog
-from autonomy.shell.files import locked
+from autonomy.shell.files import locked, locked_still
 from autonomy.shell.journal_files import JournalFile, Position, file_name, highest_run, journal_files
-from autonomy.shell.journal_old import OldFiles
-
-RETRY_S = 5.0
-"""Pause after the disk refused a file before another is begun."""
-
-MOST_ROOM_BYTES = 64 * 10**6
-"""What is left of a disk to others, if a file of the journal is larger than that."""
+from autonomy.shell.journal_room import FULL_DISK, RETRY_S, Room
 
 _LOCK = "lock"
-_FULL_DISK = "the disk is full: the oldest files are given up"
-FULL = (errno.ENOSPC, errno.EDQUOT)
-"""What a disk says that has no room left."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +101,7 @@ class Store:
         free: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
     ) -> None:
         self._folder, self._limits, self._header = folder, limits, header
-        self._clock, self._write, self._free = clock, write, free
+        self._clock, self._write = clock, write
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = locked(folder / _LOCK)
         old = journal_files(folder)
@@ -120,12 +111,10 @@ class Store:
         # look older than the checkpoint.
         resumed = header.get("resumed") or [0]
         self.run = 1 + max(highest_run(folder), resumed[0])
-        self._old = OldFiles(old)
+        self._room = Room(folder, old, limits.file_bytes, limits.total_bytes, clock, free)
         self._files = 0
         self._open: _Open | None = None
         self._not_before = -float("inf")
-        self._relief_not_before = -float("inf")
-        self._relieved = False
         self._rows: list[Row] = []
         self._buffer = bytearray()
         self._stream = bytearray()
@@ -136,13 +125,18 @@ class Store:
         self._dirty = False
         self.lost_records = 0
         self.lost_packets = 0
-        self.trouble = ""
+        self._refusal = ""
         self.synced = Position(self.run, 0)
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong at present, empty if nothing is."""
+        return self._refusal or (FULL_DISK if self._room.is_full else "")
 
     @property
     def total_bytes(self) -> int:
         """Of all files of the journal."""
-        return self._old.total_bytes + (0 if self._open is None else self._open.size)
+        return self._room.total_bytes + self._open_bytes
 
     def write(self, items: Sequence[Row | Packet]) -> None:
         """Append records and packets; what the disk refuses is counted as lost."""
@@ -159,8 +153,10 @@ class Store:
                 self._stream += tlog.pack(item.utc_us, item.data)
                 self._packets += 1
         self._flush()
-        self._keep_bound()
-        self._keep_room()
+        self._room.keep_bound(self._open_bytes)
+        if self._open is not None:
+            # While the disk refuses all, what the newest file holds may be all that is known since the checkpoint.
+            self._room.keep_free()
 
     def sync(self) -> None:
         """Wait until what was written is on the disk."""
@@ -196,33 +192,33 @@ class Store:
         return size >= self._limits.file_bytes or self._clock() - current.begun >= self._limits.file_age_s
 
     def _begin(self, first_record: int) -> None:
-        # A full disk is told until a file was begun and filled without giving an old one up.
-        was_relieved, self._relieved = self._relieved, False
+        self._room.begins()
         self._files += 1
         file = JournalFile(self.run, self._files, self._folder / file_name(self.run, self._files))
         place = {"run": self.run, "file": self._files, "first_record": first_record}
         header = pack(0, first_record, encode_header({**self._header, **place}))
         while True:
             try:
+                self._lock = locked_still(self._lock, self._folder / _LOCK)
                 self._open = _Open(file, self._clock())
                 self._put(self._open.records, header)
                 self._open.written = len(header)
                 _sync_folder(self._folder)
                 self._dirty = True
-                self.trouble = _FULL_DISK if was_relieved or self._relieved else ""
+                self._refusal = ""
                 return
             except OSError as error:
                 self._discard(file)
-                if not self._relieve(error):
-                    self._relieved = self._relieved or was_relieved
+                if not self._room.relieve(error):
                     self._abandon(error)
                     return
 
     def _discard(self, file: JournalFile) -> None:
-        """A file that could not be begun."""
-        if self._open is not None:
-            self._open.close()
-            self._open = None
+        """A file that could not be begun; one that is not ours stays."""
+        if self._open is None:
+            return
+        self._open.close()
+        self._open = None
         for path in (file.path, file.stream):
             with contextlib.suppress(OSError):
                 path.unlink()
@@ -260,7 +256,7 @@ class Store:
                 except OSError as worse:
                     self._abandon(worse)
                     return False
-                if not self._relieve(error):
+                if not self._room.relieve(error):
                     self._abandon(error)
                     return False
 
@@ -269,39 +265,9 @@ class Store:
         while view:
             view = view[self._write(descriptor, bytes(view)) :]
 
-    def _relieve(self, error: OSError) -> bool:
-        """Make room on a full disk by the journal's oldest files; whether there was one."""
-        if error.errno not in FULL or not self._old:
-            return False
-        self._give_up_oldest()
-        return True
-
-    def _give_up_oldest(self) -> None:
-        self._old.remove_oldest()
-        self._relieved = True
-        self.trouble = _FULL_DISK
-
-    def _keep_bound(self) -> None:
-        while self._old and self.total_bytes > self._limits.total_bytes:
-            self._old.remove_oldest()
-
-    def _keep_room(self) -> None:
-        """Leave the disk's last bytes, as many as a file of the journal takes, to others: checkpoints above all."""
-        while self._old and self._clock() >= self._relief_not_before:
-            free = self._free_bytes()
-            if free >= min(self._limits.file_bytes, MOST_ROOM_BYTES):
-                return
-            size = self._old.oldest_bytes
-            self._give_up_oldest()
-            if self._free_bytes() < free + size // 2:
-                # Somebody else has taken it, or the file system frees it later: not all shall go for that.
-                self._relief_not_before = self._clock() + RETRY_S
-
-    def _free_bytes(self) -> float:
-        try:
-            return self._free(self._folder)
-        except OSError:
-            return float("inf")
+    @property
+    def _open_bytes(self) -> int:
+        return 0 if self._open is None else self._open.size
 
     def _lose(self, item: Row | Packet) -> None:
         if isinstance(item, Row):
@@ -310,6 +276,8 @@ class Store:
             self.lost_packets += 1
 
     def _put_on_disk(self, current: _Open) -> None:
+        if not os.fstat(current.records).st_nlink:
+            raise FileNotFoundError(errno.ENOENT, "its files were removed")
         os.fsync(current.records)
         self._unsynced_records = 0
         os.fsync(current.stream)
@@ -331,13 +299,13 @@ class Store:
             except OSError:
                 self._lose_unsynced()
         self._shut()
-        self.trouble = f"{error.strerror or error}: nothing is recorded"
+        self._refusal = f"{error.strerror or error}: nothing is recorded"
         self._not_before = self._clock() + RETRY_S
 
     def _shut(self) -> None:
         if self._open is not None:
             self._open.close()
-            self._old.add(self._open.file, self._open.size)
+            self._room.add(self._open.file, self._open.size)
             self._open = None
             self._dirty = False
 

@@ -1,5 +1,6 @@
 """Checkpoints written by a thread of their own: two generations at any time, and no error ends the thread."""
 
+import shutil
 import threading
 import time
 from collections.abc import Callable
@@ -117,3 +118,34 @@ def test_whatever_one_failed_over_is_told_and_the_next_replaces_the_older(
     assert caplog.text.count("no checkpoint could be written") == 1
     store.close()
     assert kept(tmp_path) == [5.0, 2.0]
+
+
+def test_a_folder_that_is_removed_under_way_is_made_and_locked_again(tmp_path: Path) -> None:
+    folder = tmp_path / "kept"
+    store = Store(folder)
+    for now in (1.0, 2.0):
+        keeper = Keeper(store)
+        keeper.keep(checkpoint(now))
+        keeper.close()
+        if now == 1.0:
+            shutil.rmtree(folder)
+    assert keeper.trouble == ""
+    with pytest.raises(BlockingIOError):
+        Store(folder)
+    store.close()
+    assert kept(folder) == [2.0]
+
+
+def test_a_folder_that_another_service_has_made_meanwhile_is_left_to_it(tmp_path: Path) -> None:
+    """What it keeps there is its own, and both would be the boat's."""
+    folder = tmp_path / "kept"
+    store = Store(folder)
+    shutil.rmtree(folder)
+    other = Store(folder)
+    keeper = Keeper(store)
+    keeper.keep(checkpoint(1.0))
+    keeper.close()
+    assert keeper.trouble == f"{folder}/lock: another process uses it"
+    other.close()
+    store.close()
+    assert kept(folder) == []
