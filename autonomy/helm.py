@@ -11,6 +11,7 @@ from autonomy.config import Configuration
 from autonomy.dispatch import Dispatched, MissionDispatch
 from autonomy.geometry import FloatArray, LocalFrame
 from autonomy.mavlink.authority import Authority, OnBoard
+from autonomy.mavlink.authority_table import Action
 from autonomy.mavlink.companion import StreamRequests, heartbeat, status_text, wanted_streams
 from autonomy.mavlink.mission import MissionItem, Route, time_scale
 from autonomy.mavlink.rover import RTL, SMART_RTL, unsupported
@@ -35,6 +36,14 @@ PATIENT_HEARTBEATS = 10
 
 NEAR_M = 10.0
 """A waypoint this near counts as reached: autopilots have acceptance radii of their own."""
+
+ASK_AGAIN_S = 30.0
+"""Streams are asked for again when there has been no position for so long: another station on the link may have
+stopped them, or a restart so quick that no heartbeat was missed."""
+
+STALE_POSITION_S = 10.0
+"""A vehicle that has not told its position for this long is nowhere: nothing is planned from where it was, and it is
+not set in motion."""
 
 DOUBTS = 2
 """So often a mission that isn't sailed is made current again; then the boat counts as stalled."""
@@ -76,6 +85,7 @@ class Helm:
         self._track = Track()
         self._pace = Pace(configuration.budget.speed_mps)
         self._streams: StreamRequests | None = None
+        self._streams_asked = 0.0
         self._heartbeat_due = 0.0
         self._conversing = False
         self._heartbeats_before = 0
@@ -295,14 +305,22 @@ class Helm:
         if self.authority.may_transfer:
             sent += self._read_safeguards(now, state, route, scale)
         if not self.dispatch.busy:
-            sent += self._orders.step(now, self.authority.action, state.heartbeats, route, scale)
+            sent += self._orders.step(now, self._action(now), state.heartbeats, route, scale)
             if self._orders.take_undone():
                 self.authority.order_undone(state)
         return sent + self.dispatch.step(now, state, route, scale)
 
+    def _action(self, now: float) -> Action:
+        """What we may do; a boat that may be anywhere by now is not set in motion."""
+        action = self.authority.action
+        is_stale = now - self.telemetry.position_heard > STALE_POSITION_S
+        return Action.PREPARE if is_stale and action in (Action.SELECT_AUTO, Action.ARM) else action
+
     def _ask_streams(self, now: float, route: Route, scale: float) -> list[Any]:
         sent = []
-        if self._streams is None:
+        silent = now - max(self.telemetry.position_heard, self._streams_asked) > ASK_AGAIN_S
+        if self._streams is None or (silent and self._streams.finished):
+            self._streams_asked = now
             battery = self._configuration.budget.is_limited
             home = self._configuration.shore.commands.accepted  # they may want the boat to return
             streams = wanted_streams(self._mavlink.position_rate_hz, battery=battery, home=home)

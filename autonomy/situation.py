@@ -4,15 +4,12 @@ import math
 from enum import Enum
 
 from autonomy.effects import Level
-from autonomy.helm import Helm
+from autonomy.helm import STALE_POSITION_S, Helm
 from autonomy.homeward import Homeward
 from autonomy.mavlink.authority import OnBoard
 from autonomy.mavlink.authority_table import Command
 from autonomy.reporting import Reporter
 from autonomy.seaway import Seaway
-
-STALE_POSITION_S = 10.0
-"""A vehicle that has not told its position for this long is nowhere: nothing is planned from where it was."""
 
 SAY_AGAIN_S = 20.0
 """A boat that changes hands and back all the time (a failsafe that flaps) is told of in the same words no sooner."""

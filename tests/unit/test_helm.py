@@ -22,8 +22,8 @@ AUTO, HOLD = 10, 4
 class Boat:
     """A helm, and the words of an autopilot to it."""
 
-    def __init__(self, **mavlink_section) -> None:
-        configuration = Configuration.model_validate({"survey": {"area": AREA}, "mavlink": mavlink_section})
+    def __init__(self, **sections) -> None:
+        configuration = Configuration.model_validate({"survey": {"area": AREA}, **sections})
         self.helm = Helm(configuration, FRAME)
         self.now = 100.0
         self._vehicle, self._own = Codec(1, 1), Codec(1, 191)
@@ -56,14 +56,17 @@ class Boat:
         """Our mission is on board, verified, and the operator has started it."""
         self.beats(HOLD)
         self.is_at(0.0, 0.0)
+        self.brings_on_board()
+        self.beats(AUTO)
+        self.tells_current(1)
+        return self
+
+    def brings_on_board(self):
         items = tuple(
             waypoint(*position, acceptance_radius_m=5.0) for position in FRAME.to_geodetic(CORNERS).tolist()
         )
         plan = Plan(np.zeros(2), CORNERS, np.ones(len(CORNERS), dtype=bool), 0.0, "paper", "test")
         self.helm.dispatch._verified(Dispatched(plan, items))
-        self.beats(AUTO)
-        self.tells_current(1)
-        return self
 
     def sails_to_the_end(self):
         self.tells_current(3)
@@ -89,7 +92,7 @@ def test_before_a_vehicle_is_heard_there_are_heartbeats_only(boat):
 
 
 def test_another_vehicle_that_is_heard_first_is_not_ours():
-    boat = Boat(system_id=7)
+    boat = Boat(mavlink={"system_id": 7})
     boat.beats(AUTO)
     assert boat.helm.state is None
     boat._vehicle = Codec(7, 1)
@@ -127,6 +130,40 @@ def test_a_silent_vehicle_is_told_nothing_and_asked_anew_when_it_is_back(boat):
     said = kinds(boat.helm.step(boat.now))
     assert said[0] == "COMMAND_LONG"
     assert said[-1] == "MISSION_REQUEST_LIST"
+
+
+def asked_for_positions(boat, seconds, *, tells):
+    """How often it is, while a boat in full that is ready grants what it is asked for; and the orders it is given."""
+    asked, orders = 0, []
+    for _ in range(seconds):
+        boat.now += 1.0
+        boat.beats(HOLD, armed=False)
+        if tells:
+            boat.is_at(0.0, 0.0)
+        for each in boat.helm.step(boat.now):
+            if each.get_type() == "COMMAND_LONG":
+                boat.hear(mavlink.MAVLink_command_ack_message(each.command, 0, 0, 0, 1, 191))
+                asked += each.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL and each.param1 == 33.0
+                orders += [each.command] if each.command == mavlink.MAV_CMD_DO_SET_MODE else []
+    return asked, orders
+
+
+def test_positions_that_have_stopped_are_asked_for_again_now_and_then(boat):
+    assert asked_for_positions(boat, 60, tells=True)[0] == 1
+    assert asked_for_positions(boat, 28, tells=False)[0] == 0
+    assert asked_for_positions(boat, 62, tells=False)[0] in (2, 3)
+    assert asked_for_positions(boat, 60, tells=True)[0] == 0
+
+
+def test_a_boat_that_does_not_tell_its_position_any_more_is_not_set_in_motion():
+    boat = Boat(authority={"mode": "full"})
+    asked_for_positions(boat, 20, tells=True)
+    asked_for_positions(boat, 20, tells=False)
+    boat.hear(mavlink.MAVLink_ekf_status_report_message(0x10, 0, 0, 0, 0, 0))
+    boat.brings_on_board()
+    assert boat.helm.authority.is_ready(boat.helm.state)
+    assert asked_for_positions(boat, 20, tells=False)[1] == []
+    assert mavlink.MAV_CMD_DO_SET_MODE in asked_for_positions(boat, 5, tells=True)[1]
 
 
 def test_position_and_distance(boat):
