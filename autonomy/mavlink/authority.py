@@ -67,8 +67,9 @@ class Authority:
     supply that breaks down under the motor would have it arm again and again. It waits for its operator, or for
     `start`. What stopped it was not taking it, though, in whichever order heartbeat and clock tell of it.
 
-    It is sent home once; an operator who selects AUTO after that has decided otherwise. So has one who selects AUTO
-    while it holds.
+    It is sent home once; an operator who selects AUTO after that has decided otherwise. For the battery's sake it is
+    again, once it has been seen disarmed with more of a charge: that is another voyage, perhaps days later. Who selects
+    AUTO while it holds has decided otherwise, too.
     """
 
     def __init__(
@@ -95,7 +96,7 @@ class Authority:
         self._decisive_heartbeat: int | None = None
         self._taken_at: float | None = None
         self._ever_set_off = self._has_restarted = False
-        self._ever_sent_home = False
+        self._ever_sent_home = self._heeded_battery = False
         self._ever_armed = False
         self.return_cause: str | None = None
         """Why the boat shall return whatever its battery says; None: it need not."""
@@ -245,7 +246,10 @@ class Authority:
             self._take(state)
         starting = rule.action in (Action.SELECT_AUTO, Action.ARM)
         self._ever_set_off = self._ever_set_off or starting or self.survey_started
-        self._ever_sent_home = self._ever_sent_home or rule.after is Command.SENT_HOME
+        if rule.after is Command.SENT_HOME:
+            self._ever_sent_home = self._heeded_battery = True
+        elif not state.armed and state.battery_remaining is not None and not self._is_low(state):
+            self._heeded_battery = False
         self.reason = self._say(rule.reason, state)
 
     def decide(self, state: VehicleState) -> Permission:
@@ -329,14 +333,15 @@ class Authority:
         return Event.UNCERTAIN if uncertain else Event.OTHERS
 
     def _with_ours(self, state: VehicleState) -> Event:
+        must_return = self.return_cause is not None and not self._ever_sent_home
+        is_low = self._is_low(state) and not self._heeded_battery
+        return Event.LOW if must_return or is_low else Event.OURS
+
+    def _is_low(self, state: VehicleState) -> bool:
         remaining = state.battery_remaining
-        if self._ever_sent_home:
-            return Event.OURS
-        if self.return_cause is not None:
-            return Event.LOW
-        if self._return_battery is None or remaining is None:
-            return Event.OURS
-        return Event.LOW if remaining <= self._return_battery else Event.OURS
+        return (
+            self._return_battery is not None and remaining is not None and remaining <= self._return_battery
+        )
 
     def _may_start(self, state: VehicleState) -> bool:
         return self.is_ready(state) and not self.waits_for_start

@@ -416,6 +416,29 @@ def test_a_boat_that_is_to_hold_goes_home_if_it_must() -> None:
     assert (authority.command, authority.action) == (Command.SENT_HOME, Action.GO_HOME)
 
 
+def test_with_another_battery_it_is_sent_home_again_when_that_is_low() -> None:
+    authority = returning()
+    low, charged = replace(AUTO, battery_remaining=0.4), replace(AUTO, battery_remaining=0.9)
+    for state in (low, charged, low, replace(low, armed=False), low, replace(AUTO, armed=False), low):
+        authority.observe(state)
+        assert authority.action is not Action.GO_HOME, "he who selects AUTO has decided otherwise"
+    authority.observe(replace(charged, armed=False))
+    for state, action in [(charged, Action.SAIL), (low, Action.GO_HOME)]:
+        authority.observe(state)
+        assert authority.action is action
+
+
+def test_for_a_cause_other_than_its_battery_it_is_sent_home_once() -> None:
+    authority = under_way()
+    authority.return_cause = "critical"
+    authority.observe(AUTO)
+    assert authority.action is Action.GO_HOME
+    authority.observe(RTL)
+    for state in (replace(HOLD, battery_remaining=0.9), AUTO):
+        authority.observe(state)
+    assert authority.action is Action.SAIL
+
+
 def test_on_its_way_home_it_is_told_nothing() -> None:
     authority = returning()
     authority.observe(RTL)
