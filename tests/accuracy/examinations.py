@@ -63,7 +63,7 @@ def examine(case: Case, directory: Path) -> Examination:
         error.append(rmse(prediction.mean, truth) / unit)
         structures.append("+".join(f"{c.space.name}.{c.time.name}" for c in learner.gp.kernel.components))
     times_s = INTERVAL_S * np.arange(1.0, len(sailed.x) + 1.0)
-    exact = ExactGP(learner.gp.kernel, sailed.x, sailed.y, times_s).predict(field.points, times_s[-1])[0]
+    exact = ExactGP(learner.gp.kernel, sailed.x, sailed.y, times_s).mean(field.points, times_s[-1])
     mean = learner.model().predict(field.points).mean
     return Examination(
         sailed,

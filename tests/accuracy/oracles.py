@@ -1,6 +1,7 @@
 """What a learner is measured against: the exact GP of any kernel, scikit-learn's GP, and the scores."""
 
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,16 +42,24 @@ class ExactGP:
 
     def predict(self, points: FloatArray, time_s: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Mean and variance of the field (without noise) at `points` (n, d), each (n,)."""
-        means, variances = [], []
+        variances = [
+            self.kernel.signal_variance - np.einsum("ij,ji->i", cross, cho_solve(self._factor, cross.T))
+            for cross in self._cross(points, time_s)
+        ]
+        return self.mean(points, time_s), np.concatenate(variances).clip(0.0)
+
+    def mean(self, points: FloatArray, time_s: float = 0.0) -> FloatArray:
+        """Mean of the field at `points` (n, d), (n,): a fraction of the price of both."""
+        return np.concatenate(
+            [self.prior_mean + cross @ self._alpha for cross in self._cross(points, time_s)]
+        )
+
+    def _cross(self, points: FloatArray, time_s: float) -> Iterator[FloatArray]:
+        """Covariances of points, chunk by chunk, with the readings."""
         for start in range(0, len(points), _CHUNK):
             part = points[start : start + _CHUNK]
             lag_s = None if self._times_s is None else np.tile(np.abs(self._times_s - time_s), (len(part), 1))
-            cross = self.kernel.covariance(part, self._x, lag_s)
-            means.append(self.prior_mean + cross @ self._alpha)
-            variances.append(
-                self.kernel.signal_variance - np.einsum("ij,ji->i", cross, cho_solve(self._factor, cross.T))
-            )
-        return np.concatenate(means), np.concatenate(variances).clip(0.0)
+            yield self.kernel.covariance(part, self._x, lag_s)
 
 
 def scikit_learn_mean(x: FloatArray, y: FloatArray, points: FloatArray, restarts: int = 2) -> FloatArray:
