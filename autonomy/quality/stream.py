@@ -42,6 +42,10 @@ CONSISTENT_READINGS = 30
 """So many readings in a row that follow from each other are right, however they differ from what was before: the
 step was the water's, or what was before was wrong."""
 
+MOST_HELD = 256
+"""So many readings at most wait for a usable one: a sender whose clock stands still, or who sends nothing but NaN
+faster than a gap ends it, shall neither fill the memory nor have ever more looked through for each."""
+
 T = TypeVar("T")
 
 
@@ -119,7 +123,7 @@ class QualityControl(Generic[T]):
         judged = self._break_off(reading.model_time_s)
         self._queue.append(self._arrive(reading, subject))
         self._warm = self._warm or len(self._queue) > WARM_UP
-        while self._warm and self._queue and (not self._queue[0].usable or self._next_usable() is not None):
+        while self._warm and self._queue and self._may_judge():
             judged.append(self._judge())
         return judged
 
@@ -186,6 +190,11 @@ class QualityControl(Generic[T]):
         return Flag.GOOD
 
     # Judgement --------------------------------------------------------------------------------------------------
+
+    def _may_judge(self) -> bool:
+        """Whether the oldest reading has what it is compared with, or has waited for long enough."""
+        waits = self._queue[0].usable and self._next_usable() is None
+        return not waits or len(self._queue) > MOST_HELD
 
     def _next_usable(self) -> Reading | None:
         return next((one.reading for one in islice(self._queue, 1, None) if one.usable), None)

@@ -13,7 +13,7 @@ from autonomy.quality.flat_line import FEWEST_REPEATS, FlatLine
 from autonomy.quality.location import CONSISTENT_READINGS, Location
 from autonomy.quality.running import RunningMedian
 from autonomy.quality.stream import CONSISTENT_READINGS as CONSISTENT_VALUES
-from autonomy.quality.stream import WARM_UP
+from autonomy.quality.stream import MOST_HELD, WARM_UP
 
 AREA = shapely.box(0.0, 0.0, 10_000.0, 10_000.0)
 ISLAND = shapely.box(4000.0, 4000.0, 5000.0, 5000.0)
@@ -359,6 +359,19 @@ class TestStream:
         stream.add(*noisy(20, seed=1))
         assert stream.finish().flags() == [GOOD] * 20 + [SUSPECT] + [GOOD] * 20
         assert stream.judged[20].flags[:2] == (SUSPECT, GOOD)
+
+    @pytest.mark.parametrize("broken", [33.0, math.nan])
+    def test_a_sender_whose_clock_stands_still_fills_no_memory(self, broken):
+        """None of these readings is a next one to compare the last with, and no gap ever ends the wait."""
+        stream = Stream()
+        stream.add(*noisy(100))
+        stream.add(*[broken] * 3000, interval_s=0.0)
+        assert len(stream.judged) >= 3100 - MOST_HELD
+        stream.add(*noisy(100, seed=1))
+        stream.finish()
+        assert stream.flags(Check.TIMING).count(SUSPECT) == 3000
+        assert len(stream.judged) == 3200
+        assert set(stream.flags()[-100:]) == {GOOD}
 
     def test_a_clock_that_is_set_back_does_not_end_the_stream(self):
         stream = Stream()
