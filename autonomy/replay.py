@@ -131,9 +131,10 @@ def replay(
         Core(configuration, survey), survey, tolerance, left_out, recompute=recompute, heard=heard
     )
     for number, last in chain:
-        end = float(header["now"]) + until_s if number == run else math.inf
         began = header if number == run else run_header(folder, number)
-        repeat.take(_sound(folder, number, last), end, _utc_offset_s(began))
+        offset_s = _utc_offset_s(began)
+        end = float(header["now"]) + until_s if number == run else math.inf
+        repeat.take(_sound(folder, number, last), end, offset_s)
     repeat.outcome.took_s = clock() - begun
     return repeat.outcome
 
@@ -301,24 +302,30 @@ class _Replay:
         self.outcome.recorded_s += self._now - self._start
 
     def _repeat(self, record: Happened | Resumed) -> None:
-        if isinstance(record, Resumed):
-            self.outcome.core.resume(record.now, record.away_s)
-            return
-        self.outcome.events += 1
-        if isinstance(record.event, JobFinished):
-            self._check(record.event)
+        if isinstance(record, Happened):
+            self.outcome.events += 1
+            if isinstance(record.event, JobFinished):
+                self._check(record.event)
         try:
-            self._effects = self.outcome.core.handle(record.now, record.event)
+            self._effects = self._tell(record)
         except Exception as error:
             where = f"record {self._position.sequence} of run {self._position.run}"
             what = f"{type(error).__name__}: {error}"
             raise CoreRaisedError(f"{where} makes the core raise {what}") from error
+        if isinstance(record, Resumed):
+            return
         if self._heard is not None:
             self._heard(record.now + self._utc_offset_s, self._effects)
         if self._recompute:
             for effect in self._effects:
                 if isinstance(effect, StartJob):
                     self._run(effect)
+
+    def _tell(self, record: Happened | Resumed) -> list[Effect]:
+        if isinstance(record, Resumed):
+            self.outcome.core.resume(record.now, record.away_s)
+            return []
+        return self.outcome.core.handle(record.now, record.event)
 
     def _regret(self, trouble: Trouble) -> None:
         if not trouble.torn:

@@ -197,6 +197,24 @@ def test_a_core_that_raises_is_told_with_its_record(
     assert "Traceback" in err
 
 
+def test_a_core_that_raises_when_it_goes_on_is_told_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings, area = golden.configuration(), golden.survey()
+    journal = Journal.open(tmp_path, settings.journal, make_header(settings, area, now=5.0, utc_s=0.0))
+    journal.event(5.0, StopRequested())
+    journal.resumed(6.0, 1.0)
+    journal.close()
+
+    def raising(self: Core, now: float, away_s: float) -> None:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(Core, "resume", raising)
+    code, _, err = told(capsys, tmp_path)
+    assert code == 70
+    assert "record 2 of run 1 makes the core raise ZeroDivisionError: a bug" in err
+
+
 # Damaged, foreign, newer -------------------------------------------------------------------------------------
 
 
@@ -248,6 +266,7 @@ def test_a_run_without_its_beginning_is_refused(copy: Path, capsys: pytest.Captu
         ({"configuration": {"survey": {}}}, "its configuration is not one of this software (survey.area"),
         ({"survey": {}}, "its survey area can't be read"),
         ({"survey": {"ground": b"no polygon"}}, "its survey area can't be read"),
+        ({"now": None}, "its header does not say when it began"),
         ({"resumed": [7, 1]}, "run 1 says that it went on from [7, 1]"),
     ],
 )
