@@ -235,6 +235,9 @@ class CommandDesk:
                 log.info("a command could not be answered: %s", error)
             except WireError as error:
                 log.error("a command was carried out, and its answer can't be written: %s", error)
+            except Exception:
+                # A bug; but if the thread ended, no command would be answered any more, and nobody would hear why.
+                log.exception("a command could not be answered")
             with self._lock:
                 reply.asked.lane.waiting -= 1
 

@@ -131,6 +131,24 @@ def test_an_answer_waits_until_the_disk_has_it(make_desk: Any) -> None:
     assert disk.synced == [disk.position]
 
 
+def test_whatever_one_answer_fails_over_the_next_is_given(
+    make_desk: Any, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Odd(Query):
+        def reply(self, key: str, payload: bytes, *, encoding: Any) -> None:
+            raise RuntimeError("zenoh has a bug")
+
+    desk = make_desk()
+    odd = Odd(request(1))
+    desk.take(odd)
+    desk.answered(done(desk.handed[0]))
+    odd.wait()
+    query = asked(desk, request(2))
+    desk.answered(done(desk.handed[1]))
+    assert query.wait().answer is not None
+    assert "zenoh has a bug" in caplog.text
+
+
 def test_a_disk_that_fails_is_told_of(make_desk: Any) -> None:
     disk = Disk()
     disk.trouble = "the disk is full"
