@@ -1,6 +1,9 @@
 """A core that was put aside and taken up again decides as the one that went on."""
 
 import copy
+import copyreg
+import struct
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,6 +13,7 @@ from autonomy.core import Core
 from autonomy.effects import Effect, Publish, SendMessage, StartJob, Topic
 from autonomy.events import Event, JobFinished
 from autonomy.memory import Memory, UnfitMemoryError
+from autonomy.planning.survey import SurveyArea
 from autonomy.shell.checkpoint import Checkpoint, decode, encode
 from sim.autopilot import Mode
 
@@ -176,14 +180,33 @@ class Keeping(Nobody):
         return float(self.core.next_deadline())
 
 
+_SAILED: list[tuple[Any, list[Memory]]] = []
+# Else what packs messages could not be copied.
+copyreg.pickle(struct.Struct, lambda layout: (struct.Struct, (layout.format,)))
+
+
+@pytest.fixture
+def before_an_upload(make_voyage: Callable[..., Any], survey: SurveyArea) -> tuple[Any, list[Memory]]:
+    """A voyage whose second plan is being made, and what is kept at its milestones: sailed once, and copied."""
+    if not _SAILED:
+        voyage, kept = make_voyage(), list[Memory]()
+        voyage.start()
+        replanning = voyage.core._replanning
+        voyage.core = Keeping(voyage.core, kept)
+        assert voyage.advance(3000.0, until=lambda: replanning.is_busy)
+        _SAILED.append((voyage, kept))
+    # The survey stays the same object: the ways over its water, once found, are known by it.
+    return copy.deepcopy(_SAILED[0], {id(survey): survey})
+
+
 @pytest.mark.parametrize("remembered", ["before the upload", "in the middle of it"])
 @pytest.mark.parametrize("items", [1, 3, 100])
-def test_a_kill_in_the_middle_of_an_upload(voyage: Any, remembered: str, items: int) -> None:
+def test_a_kill_in_the_middle_of_an_upload(
+    before_an_upload: tuple[Any, list[Memory]], remembered: str, items: int
+) -> None:
     """Half of a mission of ours is on board, or all of it unverified: it is read, and made whole."""
-    kept: list[Memory] = []
-    voyage.core = Keeping(voyage.core, kept)
-    count = len(voyage.plans)
-    assert voyage.advance(3000.0, until=lambda: len(voyage.plans) > count)
+    voyage, kept = before_an_upload
+    plans = len(voyage.plans)
     voyage.stall_upload_after(items)
     voyage.until_sent("MISSION_ITEM_INT", min(items, 3))
     voyage.core = voyage.core.core
@@ -193,6 +216,7 @@ def test_a_kill_in_the_middle_of_an_upload(voyage: Any, remembered: str, items: 
     back = voyage.now
     voyage.advance(30.0)
     plan, mission = voyage.plan_m(), voyage.on_board_m()
+    assert len(voyage.plans) > plans
     assert voyage.health.state == "exploring"
     assert mission.shape == plan.shape
     assert np.abs(mission - plan).max() < 0.1
