@@ -382,6 +382,21 @@ def test_under_somebody_elses_mission_we_read_and_do_no_more() -> None:
     assert (authority.command, authority.action) == (Command.DISPLACED, Action.READ)
 
 
+@pytest.mark.parametrize("taken", [RTL, MANUAL, IN_HOLD, replace(AUTO, armed=False)])
+def test_who_takes_a_boat_from_another_station_has_it(taken: VehicleState) -> None:
+    authority = displaced()
+    authority.observe(taken)
+    assert (authority.command, authority.action) == (Command.YIELDED, Action.LISTEN)
+
+
+def test_a_boat_that_was_started_with_half_of_its_first_mission_gets_the_rest() -> None:
+    authority = Authority(adopt=False)
+    authority.mission_read(OnBoard.EMPTY)
+    authority.upload_failed(on_board_unknown=True)
+    assert authority.decide(AUTO).allowed
+    assert (authority.command, authority.action) == (Command.BEFORE_START, Action.PREPARE)
+
+
 @pytest.mark.parametrize(
     "cleared", [replace(MANUAL, mission_state=NO_MISSION), replace(HOLD, mission_state=NO_MISSION)]
 )
