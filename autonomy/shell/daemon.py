@@ -132,12 +132,12 @@ class Daemon:
         self._ended = ended = loop.create_future()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._stop)
-        self._publisher.start()
-        self._telling.begin()
-        self._worker.start()
-        if self._continuity is not None:
-            self._continuity.begin(self._journal)
         try:
+            self._publisher.start()
+            self._telling.begin()
+            self._worker.start()
+            if self._continuity is not None:
+                self._continuity.begin(self._journal)
             self._transport = open_transport(
                 self._configuration.mavlink.endpoint,
                 on_bytes=self._received,
@@ -211,8 +211,8 @@ class Daemon:
 
     def _tend_signing(self) -> None:
         if self._signed_link is not None and self._ended is not None and not self._ended.done():
-            self._signed_link.tend()
             asyncio.get_running_loop().call_later(_TEND_SIGNING_S, self._tend_signing)
+            self._signed_link.tend()
 
     def _job_finished(self, job_id: int, result: Any) -> None:
         self._happened(JobFinished(job_id, result))
@@ -265,9 +265,9 @@ class Daemon:
     def _keep_regularly(self, *, first: bool = False) -> None:
         if self._continuity is None or self._ended is None or self._ended.done():
             return
+        asyncio.get_running_loop().call_later(self._continuity.period_s, self._keep_regularly)
         if not first:
             self._continuity.keep(self._journal)
-        asyncio.get_running_loop().call_later(self._continuity.period_s, self._keep_regularly)
 
     def _give_back_regularly(self) -> None:
         give_back()

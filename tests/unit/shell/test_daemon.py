@@ -59,6 +59,32 @@ def test_an_error_of_the_core_ends_the_run(
         asyncio.run(asyncio.wait_for(subject.run(), 30.0))
 
 
+def test_a_run_that_cannot_begin_leaves_nothing_behind(daemon: Callable[..., Daemon]) -> None:
+    """What it was told last is on the disk then, and no thread of zenoh's outlives the interpreter."""
+
+    class Past:
+        core, resumed, milestones = daemon()._core, None, 0
+        closed: list[bool] = []  # noqa: RUF012 -- of one test
+
+        def begin(self, journal: object) -> None:
+            raise ZeroDivisionError("a bug")
+
+        def close(self, *, in_order: bool) -> None:
+            self.closed.append(in_order)
+
+    class Recording:
+        closed = False
+
+        def close(self) -> None:
+            self.closed = True
+
+    past, recording = Past(), Recording()
+    subject = daemon(continuity=past, journal=recording)
+    with pytest.raises(ZeroDivisionError, match="a bug"):
+        asyncio.run(asyncio.wait_for(subject.run(), 30.0))
+    assert (past.closed, recording.closed) == ([False], True)
+
+
 def health_of(subject: Daemon, monkeypatch: pytest.MonkeyPatch, word: Callable[[Any], str]) -> None:
     """Run until a health notice has something to say where `word` looks."""
     publish = subject._publisher.publish

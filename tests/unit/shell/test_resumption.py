@@ -657,6 +657,17 @@ def test_the_time_away_is_known_across_boots() -> None:
     assert Moment(10.0, 1e12, "b").since(before) == 30 * 86400.0
 
 
+def test_the_boot_is_asked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It does not change; and where no more files can be opened, plans are still verified and said to be."""
+    before = Moment.present()
+
+    def exhausted(*_: object) -> str:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(Path, "read_text", exhausted)
+    assert Moment.present().boot == before.boot
+
+
 def sample() -> Checkpoint:
     core = Core(CONFIGURATION, SURVEY)
     core.handle(5.0, DeadlineReached())
