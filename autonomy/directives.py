@@ -180,6 +180,8 @@ class Directives:
             return False, "the operator has taken the boat: he starts it again himself"
         if vehicle is None or not authority.is_ready(vehicle):
             return False, f"it is not ready: {self._unready()}"
+        if self._situation.is_lost(now):
+            return False, "it is not ready: it does not tell its position"
         self._wishes.let_start(now)
         return True, "AUTO is selected and the boat armed"
 

@@ -1,5 +1,6 @@
 """Starting the boat, holding it and sending it home, where the configuration lets us: `authority.mode: full`."""
 
+import math
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -16,6 +17,10 @@ SEEN_AFTER = 2
 PAUSE_S = 5.0
 """Protocol time after an order before the next: the vehicle needs a moment to follow, or cannot yet."""
 
+SAY_AGAIN_S = 300.0
+"""What has become of an order is told again no sooner while it goes on so: a boat whose safety switch is on refuses to
+be armed every five seconds, all night."""
+
 
 class Orders:
     """Turns the authority's action into one order at a time, given again while the action stays."""
@@ -28,6 +33,7 @@ class Orders:
         self._heartbeats = 0
         self._accepted_at: int | None = None
         self._notes: list[Note] = []
+        self._said: dict[str, float] = {}
 
     def next_deadline(self) -> float | None:
         """When `step` must be called at the latest."""
@@ -61,6 +67,7 @@ class Orders:
         words = self._words(action)
         if words is None:
             self._order, self._action, self._not_before, self._accepted_at = None, None, 0.0, None
+            self._said.clear()
             return []
         if action is not self._action:
             self._order, self._action, self._not_before, self._accepted_at = None, action, 0.0, None
@@ -77,7 +84,10 @@ class Orders:
         assert self._order is not None
         if self._order.answer is not Answer.WAITING:
             refused = self._order.answer is not Answer.ACCEPTED
-            self._notes.append(Note(f"{words}: {self._order.answer.value}", is_warning=refused))
+            text = f"{words}: {self._order.answer.value}"
+            if now >= self._said.get(text, -math.inf) + SAY_AGAIN_S:
+                self._said[text] = now
+                self._notes.append(Note(text, is_warning=refused))
             if not refused and self._accepted_at is None:
                 self._accepted_at = self._heartbeats
             self._order, self._not_before = None, now + PAUSE_S

@@ -63,7 +63,7 @@ class Authority:
     has lost its mission needs its operator, or a restart of the service.
 
     `full` starts the boat only as long as nobody has ever taken it from us: after that the operator starts it. Nor
-    does a boat start by itself whose autopilot began anew after it had been set in motion, or was about to be: a
+    does a boat start by itself whose autopilot began anew after it had been armed, by whomever, or was about to be: a
     supply that breaks down under the motor would have it arm again and again. It waits for its operator, or for
     `start`. What stopped it was not taking it, though, in whichever order heartbeat and clock tell of it.
 
@@ -275,10 +275,11 @@ class Authority:
         """The autopilot did: what has been seen since then was nobody's will, nor is it to start by itself again."""
         if self._taken_at is not None and self._taken_at >= state.booted - JITTER_S:
             self._taken_at = None
-        if self._is_full and self._ever_set_off:
+        had_begun = self._ever_set_off or (self._is_full and self._ever_armed)
+        if self._is_full and had_begun:
             self._start_allowed = False
         after = self._table[self.command, Event.REBOOTED].after
-        self._has_restarted = self._ever_set_off and after is Command.BEFORE_START
+        self._has_restarted = had_begun and after is Command.BEFORE_START
 
     def _event(self, state: VehicleState) -> Event:
         if self._has_rebooted(state):

@@ -66,6 +66,7 @@ class AuthorityMachine(RuleBasedStateMachine):
         """When it was first taken; a reboot, as far as it is told by then, takes nothing."""
         self.ever_set_off = False
         """Whether it was ever ours, or told to start."""
+        self.ever_armed = False
         self.now = 0.0
         self.told_home = False
         self.verified = False
@@ -84,6 +85,7 @@ class AuthorityMachine(RuleBasedStateMachine):
         self.now += 1.0
         beats = self.state.heartbeats + heartbeat
         self.state = replace(self.state, heartbeats=beats, heard=self.now, **change)
+        self.ever_armed = self.ever_armed or self.state.armed
         self.before = self.authority.action
         self._follow(heartbeat)
         self.permission = self.authority.decide(self.state)
@@ -130,7 +132,7 @@ class AuthorityMachine(RuleBasedStateMachine):
             self.take(really=self.sailed)
         elif self.taken_at is not None and self.taken_at >= self.state.booted:
             self.taken_at = None
-        if self.ever_set_off:
+        if self.ever_set_off or self.ever_armed:
             self.may_start = False
 
     def take(self, *, really: bool = True) -> None:

@@ -70,6 +70,25 @@ def test_a_refusal_is_told_as_a_warning_and_tried_again() -> None:
     assert step(orders, 15.2, Action.SELECT_AUTO) == [(SET_MODE, 1.0, AUTO)]
 
 
+def test_a_refusal_that_goes_on_is_told_every_few_minutes_and_a_new_outcome_at_once() -> None:
+    orders, told = Orders(RTL), []
+    for second in range(0, 600, 5):
+        step(orders, 6.0 + second, Action.ARM)
+        orders.handle(ack(4, ARM))
+        step(orders, 6.1 + second, Action.ARM)
+        told += [note.text for note in orders.take_notes()]
+    assert told == ["arming: refused", "arming: refused"]
+    step(orders, 700.0, Action.ARM)
+    orders.handle(ack(0, ARM))
+    step(orders, 700.1, Action.ARM)
+    assert [note.text for note in orders.take_notes()] == ["arming: accepted"]
+    step(orders, 701.0, Action.SAIL)
+    step(orders, 702.0, Action.ARM)
+    orders.handle(ack(4, ARM))
+    step(orders, 702.1, Action.ARM)
+    assert [note.text for note in orders.take_notes()] == ["arming: refused"], "that is another time"
+
+
 def test_an_order_that_is_not_answered_is_repeated_and_then_told() -> None:
     orders = Orders(SMART_RTL)
     given = len(step(orders, 0.0, Action.GO_HOME))

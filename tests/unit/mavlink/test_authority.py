@@ -204,11 +204,24 @@ def test_in_full_a_boat_that_breaks_down_as_it_is_set_in_motion_is_not_armed_aga
     assert authority.waits_for_start
 
 
+@pytest.mark.parametrize("order", ["heartbeat", "both at once"])
+def test_in_full_a_boat_whose_autopilot_began_anew_while_it_was_steered_by_hand_is_not_set_in_motion(
+    order: str,
+) -> None:
+    authority = Authority(adopt=False, mode="full")
+    authority.mission_read(OnBoard.EMPTY)
+    authority.observe(replace(READY, mode=0, armed=True))
+    rebooted(authority, order)
+    assert (authority.command, authority.action) == (Command.BEFORE_START, Action.PREPARE)
+    assert authority.waits_for_start
+    assert authority.take_restart()
+
+
 def test_in_full_a_boat_that_was_never_to_be_set_in_motion_starts_by_itself_after_a_reboot() -> None:
     authority = Authority(adopt=False, mode="full")
     authority.mission_read(OnBoard.EMPTY)
     authority.observe(HOLD)
-    rebooted(authority, "clock")
+    rebooted(authority, "both at once")
     assert authority.action is Action.SELECT_AUTO
     assert not authority.take_restart()
 
