@@ -5,6 +5,7 @@ some of the latter (`(\\d+)+x`). Lines are short (`lines.LONGEST_LINE`), and the
 `MATCH_S`: such a line counts as unreadable, and nothing else of the bridge is held up. Python's own `re` can't do that.
 """
 
+import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -17,6 +18,10 @@ Fields = Mapping[Field, str]
 MATCH_S = 0.01
 """Usual matches take some microseconds; five times as long as this, at 20 lines a second, would be all of a core."""
 
+LONGEST_PATTERN = 200_000
+"""Characters and classes, counted repetitions written out, as `regex` does: 30 MB, and a tenth of a second."""
+
+_REPETITION = re.compile(r"(\)?)\{([^{}]*)\}")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
 LARGEST = 3.4e38
 """Of a MAVLink float."""
@@ -90,8 +95,12 @@ class Pattern(Reader):
     """A regular expression that all of a line must match; PatternError if it is none, or names no groups."""
 
     def __init__(self, pattern: str) -> None:
+        if written_out(pattern) > LONGEST_PATTERN:
+            raise PatternError(f"what it repeats, {{n}}, comes to more than {LONGEST_PATTERN} characters")
         try:
             self._pattern = regex.compile(pattern)
+        except RecursionError:
+            raise PatternError("its groups are nested too deeply") from None
         except (regex.error, ValueError, OverflowError) as error:
             raise PatternError(f"not a regular expression: {error}") from None
         self._groups = sorted(self._pattern.groupindex)
@@ -146,6 +155,27 @@ class Sentence(Reader):
     def why_not(self, field: Field) -> str | None:
         """See `Reader.why_not`."""
         return None if isinstance(field, int) else f"is no number of a field (got {field})"
+
+
+def written_out(pattern: str) -> int:
+    """No fewer than the characters of a regular expression whose counted repetitions are written out."""
+    # With the flag x space and comments are nothing, even within braces.
+    bare = re.sub(r"#[^\n]*|\s", "", pattern)
+    return max(_written_out(pattern), _written_out(bare))
+
+
+def _written_out(pattern: str) -> int:
+    """As if all groups that are repeated lay in one another."""
+    groups, others = [1], [len(pattern)]
+    for group, bounds in _REPETITION.findall(pattern):
+        most = max(_count(bound) for bound in bounds.split(","))
+        (groups if group else others).append(max(most, 1))
+    return math.prod(groups) * sum(others)
+
+
+def _count(bound: str) -> int:
+    digits = re.sub(r"[^0-9]", "", bound)
+    return int(digits or 0) if len(digits) < 7 else LONGEST_PATTERN
 
 
 def checksum(body: str) -> int:

@@ -19,6 +19,7 @@ from autonomy.bridge.patterns import (
     Reader,
     Sentence,
     number,
+    written_out,
 )
 
 SBE45 = Pattern(r"t1=\s*(?P<t>-?\d+\.\d{4}),\s*c1=\s*(?P<c>-?\d+\.\d{5}),\s*s1=\s*(?P<s>-?\d+\.\d{4})")
@@ -66,11 +67,32 @@ def test_all_of_a_line_must_match(line: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("pattern", "why"), [("(?P<t>x", "not a regular expression"), (r"\d+", "no named groups")]
+    ("pattern", "why"),
+    [
+        ("(?P<t>x", "not a regular expression"),
+        (r"\d+", "no named groups"),
+        # Each of them would take seconds and gigabytes to compile, some all that there is.
+        (r"(?P<t>-?\d+\.\d{444444444})", "more than 200000 characters"),
+        (r"(?P<t>\d{400000,})", "more than 200000 characters"),
+        (r"(?P<t>(?:(?:a{1000}){1000}){1000})", "more than 200000 characters"),
+        ("(?P<t>" + "(?:" * 90 + "a" + "){2}" * 90 + ")", "more than 200000 characters"),
+        ("(?x)(?P<t>a{40#}\n0 0 0 0 0})", "more than 200000 characters"),
+        ("(?P<t>" + "(" * 400 + ")" * 400 + ")", "nested too deeply"),
+    ],
 )
 def test_patterns_that_can_not_be_used_say_why(pattern: str, why: str) -> None:
     with pytest.raises(PatternError, match=why):
         Pattern(pattern)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "characters"),
+    [(r"(?P<s>\d{4})", 16), (r"(?:[^,]*,){12}(?P<s>\d+)(?:,\w*){3}", 35 * 36), (r"(?P<s>\p{Nd}{2,4})", 23)],
+)
+def test_what_instruments_need_is_far_below_the_limit(pattern: str, characters: int) -> None:
+    """The pattern's length and all counts, times those of groups."""
+    assert written_out(pattern) == characters
+    Pattern(pattern)
 
 
 @pytest.mark.parametrize(
