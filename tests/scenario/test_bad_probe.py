@@ -15,6 +15,7 @@ from .conftest import FRAME, WIDTH_M, Sea, boat, rmse_of
 
 NOISE_STD = 0.02
 SAILING_S = 1500.0
+EVERY_FAULT_S = 600.0
 _SAILED = {}
 
 
@@ -29,11 +30,11 @@ def faults():
     )
 
 
-def survey_with(make_voyage, troubles, *vessel, **sections):
+def survey_with(make_voyage, troubles, *vessel, sailing_s=SAILING_S, **sections):
     voyage = make_voyage(*vessel, **sections)
     voyage.autopilot.sensor.faults = troubles
     voyage.start()
-    voyage.advance(SAILING_S)
+    voyage.advance(sailing_s)
     return voyage
 
 
@@ -102,7 +103,7 @@ def test_without_quality_control_it_is_worthless(make_voyage):
     """
     limits = ("spike_suspect", "spike_fail", "rate_suspect_per_s", "rate_fail_per_s")
     off = dict.fromkeys((*limits, "flat_suspect_s", "flat_fail_s"), math.inf)
-    voyage = survey_with(make_voyage, faults(), quality=off)
+    voyage = survey_with(make_voyage, faults(), sailing_s=EVERY_FAULT_S, quality=off)
     assert voyage.rmse() > 2.0 * np.std([truth(one) for one in told(voyage)])
 
 
