@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
 
 from sim.field_grid import BoolArray, Bounds, FloatArray, IntArray, near
 
@@ -30,9 +31,6 @@ class CurvilinearGrid:
         self.bounds = Bounds(float(lat.min()), float(lat.max()), float(lon.min()), float(lon.max()))
         self._plane = _StereographicPlane(*self.bounds.centre)
         self._points = self._plane.forward(lat, lon)
-        # Here: it takes longer to import than all else that reading a file needs, and few grids are bent.
-        from scipy.spatial import KDTree
-
         self._tree = KDTree(self._points.reshape(-1, 2))
         self._orientation = self._common_orientation()
         self._last_cell: tuple[IntArray, IntArray] | None = None

@@ -31,7 +31,7 @@ from sim.netcdf_values import decode
 _SALINITY = ("salt", "salinity", "so", "sss", "SSS", "SALT")
 _TEMPERATURE = ("temp", "temperature", "thetao", "analysed_sst", "sst", "TEMP")
 _LARGEST_VALUES = 250_000_000
-_ALWAYS_READ = 10_000_000
+_ALWAYS_READ = 1_000_000
 _DAMAGE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RuntimeError, OSError)
 
 

@@ -1,8 +1,9 @@
 """NetCDF files are tried in a process of their own first: a damaged one may hang the library, or end the process.
 
 HDF5 checks little of what it reads, and follows whatever addresses a file holds. So a child reads the file as it will
-be read here, under limits of time and memory; only what it has survived is opened. To start a child takes a good tenth
-of a second, which is why it is done once per file; it leaves no helper of its own behind.
+be read here, under limits of time and memory; only what it has survived is opened. To start a child takes half a
+second, which is why it is done once per file. All that reading needs is imported before the limits hold: a linear
+algebra library takes as much memory as they leave. It leaves no helper of its own behind.
 """
 
 import contextlib
@@ -38,8 +39,8 @@ class Limits:
     cpu_s: float = 20.0
     cpu_s_per_mib: float = 0.5
     waiting_s: float = 120.0
-    memory_mib: float = 512.0
-    memory_per_byte: float = 64.0
+    memory_mib: float = 64.0
+    memory_per_byte: float = 256.0
 
     def seconds(self, size: int) -> float:
         """Of CPU time."""

@@ -1,7 +1,7 @@
 """Every reader of bytes from outside, fed with damaged and hostile ones: it answers, or raises its own error.
 
-HALOCLINE_FUZZ: how many inputs for each; without it a hundred, or twenty where each costs a process. Then the costliest
-input is told, too, and must have taken less than a second and all of them together less than 100 MB.
+HALOCLINE_FUZZ: how many inputs for each; without it a hundred. Then the costliest input is told, too, and must have
+taken less than a second and all of them together less than 100 MB.
 """
 
 import ctypes
@@ -17,6 +17,7 @@ from .decoders import DECODERS, Decoder
 
 INPUTS = int(os.environ.get("HALOCLINE_FUZZ", "0"))
 SEED = int(os.environ.get("HALOCLINE_SEED", "1"))
+SHORT = 100
 LARGEST_BYTES = 64 * 1024
 MOST_SECONDS = 1.0
 MOST_BYTES = 100 * 2**20
@@ -124,7 +125,7 @@ def test_sound_inputs_are_read(name: str) -> None:
 @pytest.mark.parametrize("name", DECODERS)
 def test_anything_else_is_read_or_refused(name: str) -> None:
     decoder = DECODERS[name]
-    feed(name, decoder, decoder.short)
+    feed(name, decoder, SHORT)
     if not INPUTS:
         return
     forget_peak()

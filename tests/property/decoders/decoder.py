@@ -22,7 +22,6 @@ class Decoder:
         errors: what it may raise, for anything.
         tokens: what inputs are made of.
         seal: puts mutated content in a frame whose checksum agrees; None: there is none.
-        short: how many inputs in the short form.
     """
 
     read: Callable[[bytes], Any]
@@ -30,7 +29,6 @@ class Decoder:
     errors: tuple[type[Exception], ...] = ()
     tokens: Sequence[bytes] = ()
     seal: Callable[[bytes], bytes] | None = None
-    short: int = 100
 
 
 CBOR_TOKENS = [

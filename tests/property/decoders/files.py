@@ -12,9 +12,9 @@ from autonomy.mavlink.signing import KeyFormatError, SigningKey
 from autonomy.planning.depth import shallow_water
 from autonomy.planning.errors import SurveyError
 from sim.field import FieldError
-from sim.field_netcdf import open_netcdf
 
 from .decoder import ROOT, YAML_TOKENS, Decoder, reader_of, scratch
+from .field_reader import FieldReader
 
 
 def shipped_configuration() -> list[bytes]:
@@ -100,7 +100,6 @@ DECODERS = {
         YAML_TOKENS,
     ),
     "depth": Decoder(reader_of("depth.asc", read_depths), depth_grid, (SurveyError,), NUMBER_TOKENS),
-    # Each of them is tried in a process of its own.
-    "netcdf": Decoder(reader_of("damaged.nc", open_netcdf), netcdf, (FieldError,), NETCDF_TOKENS, short=20),
+    "netcdf": Decoder(reader_of("damaged.nc", FieldReader()), netcdf, (FieldError,), NETCDF_TOKENS),
     "key": Decoder(read_key, lambda: [b"a phrase\n", b"ab" * 32, bytes(32)], (), [b"\n", b"\r\n"]),
 }
