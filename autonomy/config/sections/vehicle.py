@@ -108,7 +108,7 @@ class AuthoritySection(Section):
     )
     return_battery: Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)] | None = Field(
         default=0.25,
-        description="charge with which the boat is sent home, once (mode full); null: never",
+        description="charge with which the boat is sent home, once for each charge (mode full); null: never",
         json_schema_extra={"unit": "of the full charge"},
     )
     fence_margin_m: NonNegative = Field(
