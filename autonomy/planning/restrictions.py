@@ -7,7 +7,7 @@ import shapely
 from shapely.geometry import Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from autonomy.planning.survey import SurveyArea
+from autonomy.planning.survey import SurveyArea, polygonal
 
 _HORIZON_M = 300e3
 """Outside an inclusion everything is closed, as far as any survey's way in can be."""
@@ -66,7 +66,7 @@ def restricted(survey: SurveyArea, restrictions: Restrictions) -> SurveyArea:
     if not (restrictions.inside or restrictions.outside or restrictions.given_up):
         return survey
     horizon = shapely.box(-_HORIZON_M, -_HORIZON_M, _HORIZON_M, _HORIZON_M)
-    closed = [horizon.difference(_union(group)) for group in restrictions.inside]
+    closed = [horizon.difference(polygonal(_union(group))) for group in restrictions.inside]
     closed += [region.shape for region in restrictions.outside]
     return survey.closed_off(
         shapely.union_all(closed) if closed else Polygon(),

@@ -92,7 +92,7 @@ class SurveyArea:
         ground = area
         if keep_in is not None:
             _require_polygon("keep-in", keep_in)
-            ground = _polygonal(area.intersection(keep_in))
+            ground = polygonal(area.intersection(keep_in))
             if ground.is_empty:
                 raise SurveyError(
                     "keep-in and the survey area do not overlap; is the longitude first in both?"
@@ -103,10 +103,10 @@ class SurveyArea:
         for name, shape in closed:
             _require_polygon(name, shape, may_be_empty=True)
         obstacles = shapely.union_all([shape for _, shape in closed]) if closed else Polygon()
-        water = _polygonal(ground.difference(obstacles))
+        water = polygonal(ground.difference(obstacles))
         if water.is_empty:
             raise SurveyError("no water is left: land, shallows and keep-out cover the whole survey area")
-        navigable = _polygonal(water.difference(_grown(obstacles, standoff_m)))
+        navigable = polygonal(water.difference(_grown(obstacles, standoff_m)))
         if navigable.is_empty:
             raise SurveyError(
                 f"no navigable water is left {standoff_m:g} m away from land and keep-out; "
@@ -127,11 +127,14 @@ class SurveyArea:
         Raises:
             SurveyError: no navigable water is left.
         """
-        navigable = self.navigable.difference(_grown(closed, margin_m)).difference(given_up)
-        navigable = _polygonal(navigable)
+        # Degenerate regions are points and lines, and overlays of mixed collections fail.
+        navigable = self.navigable.difference(polygonal(_grown(closed, margin_m)))
+        navigable = polygonal(navigable.difference(polygonal(given_up)))
         if navigable.is_empty:
             raise SurveyError(f"no navigable water is left {margin_m:g} m inside the fence")
-        return replace(self, navigable=navigable, obstacles=_polygonal(self.obstacles.union(closed)))
+        return replace(
+            self, navigable=navigable, obstacles=polygonal(self.obstacles.union(polygonal(closed)))
+        )
 
     @cached_property
     def bounds(self) -> Box:
@@ -292,11 +295,11 @@ def _closed(
 
 def _local(frame: LocalFrame, degrees: BaseGeometry, window: Box) -> BaseGeometry:
     """A polygon in degrees as one in local metres, cut to the window."""
-    cut = _polygonal(degrees.intersection(shapely.box(*window)))
+    cut = polygonal(degrees.intersection(shapely.box(*window)))
     dense = shapely.segmentize(cut, _EDGE_DEG)
     metres = shapely.transform(dense, lambda positions: frame.to_local(positions[:, 1], positions[:, 0]))
     # Projecting a valid polygon moves its vertices by round-off, which can make touching rings cross.
-    return metres if metres.is_valid else _polygonal(shapely.make_valid(metres))
+    return metres if metres.is_valid else polygonal(shapely.make_valid(metres))
 
 
 def _require_polygon(name: str, shape: BaseGeometry, *, may_be_empty: bool = False) -> None:
@@ -308,7 +311,7 @@ def _require_polygon(name: str, shape: BaseGeometry, *, may_be_empty: bool = Fal
         raise SurveyError(f"{name} is empty")
 
 
-def _polygonal(shape: BaseGeometry) -> BaseGeometry:
+def polygonal(shape: BaseGeometry) -> BaseGeometry:
     """The polygons of the result of an overlay: where edges merely touch, it holds lines and points too."""
     if shape.geom_type in ("Polygon", "MultiPolygon"):
         return shape

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from autonomy.geometry import LocalFrame
@@ -102,6 +102,13 @@ REGIONS = POLYGONS | DISCS
     st.lists(REGIONS, max_size=3).map(tuple),
     st.sampled_from([0.0, 20.0]),
     st.lists(REGIONS, max_size=2).map(tuple),
+)
+@example(
+    # Nothing but points and lines, which an overlay may refuse together.
+    inside=((Region(((0.0, 0.0),) * 3),), (Region(((0.0, 0.0),), 1e-38),)),
+    outside=(),
+    margin_m=0.0,
+    given_up=(Region(((0.0, 0.0),) * 3), Region(((0.0, 100.0), (0.0, 100.0), (0.0, 200.0)))),
 )
 def test_any_polygons_leave_water_that_keeps_to_them_or_none(inside, outside, margin_m, given_up):
     """Corners on a lattice: crossing, touching, doubled and collinear edges are the rule."""
