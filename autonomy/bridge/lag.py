@@ -12,9 +12,12 @@ sharpen  x = y + τ dy/dt (Fofonoff, Hayes & Millard 1974, WHOI-74-89). Between 
 """
 
 import math
-from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
+
+import numpy as np
+
+from autonomy.geometry import FloatArray
 
 
 @dataclass(frozen=True)
@@ -49,16 +52,6 @@ class Shift:
         """See `Correction`: nothing is remembered."""
 
 
-@dataclass(frozen=True)
-class _Interval:
-    """Between two readings: the mean of the water's value over it, and when that is the value of."""
-
-    start_s: float
-    end_s: float
-    value: float
-    centre_s: float
-
-
 class Sharpen:
     """Undoes a first-order response, smoothed over a window, and stamps the result earlier.
 
@@ -75,12 +68,12 @@ class Sharpen:
         self._window_s = window_s
         self._last: tuple[float, float] | None = None
         self._begun_s = math.inf
-        self._intervals: deque[_Interval] = deque()
+        self._intervals = _Intervals()
 
     def restart(self) -> None:
         """See `Correction`."""
         self._last, self._begun_s = None, math.inf
-        self._intervals.clear()
+        self._intervals = _Intervals()
 
     def add(self, time_s: float, value: float) -> Timed | None:
         """See `Correction`."""
@@ -90,32 +83,59 @@ class Sharpen:
         if before is None:
             self._begun_s = time_s
             return None
-        self._intervals.append(self._undo(*before, time_s, value))
+        start_s = before[0]
+        self._intervals.append(start_s, time_s, *self._undo(*before, time_s, value))
         # An interval may be longer than the window: then it is all that there is to it.
-        begin_s = min(time_s - self._window_s, self._intervals[-1].start_s)
-        while self._intervals[0].end_s <= begin_s:
-            self._intervals.popleft()
+        begin_s = min(time_s - self._window_s, start_s)
+        self._intervals.forget(begin_s)
         if self._begun_s > begin_s + 1e-6:
             return None
         return self._mean(begin_s, time_s)
 
-    def _undo(self, start_s: float, start: float, end_s: float, end: float) -> _Interval:
+    def _undo(self, start_s: float, start: float, end_s: float, end: float) -> tuple[float, float]:
+        """The mean of the water's value between two readings, and when that is the value of."""
         passed_s = end_s - start_s
         kept, gone = math.exp(-passed_s / self._response_s), -math.expm1(-passed_s / self._response_s)
-        centre_s = end_s - self._response_s + passed_s * kept / gone
-        return _Interval(start_s, end_s, start + (end - start) / gone, centre_s)
+        return start + (end - start) / gone, end_s - self._response_s + passed_s * kept / gone
 
     def _mean(self, begin_s: float, end_s: float) -> Timed:
         middle_s, half_s = 0.5 * (begin_s + end_s), 0.5 * (end_s - begin_s)
+        starts_s, ends_s, values, centres_s = self._intervals.rows
 
-        def below(time_s: float) -> float:
-            """The parabola's integral up to a time, but for a constant."""
-            share = (max(begin_s, time_s) - middle_s) / half_s
-            return share - share**3 / 3.0
+        def below(times_s: FloatArray) -> FloatArray:
+            """The parabola's integral up to each time, but for a constant."""
+            share = (np.maximum(begin_s, times_s) - middle_s) / half_s
+            return share * (1.0 - share * share / 3.0)
 
-        weights = [below(each.end_s) - below(each.start_s) for each in self._intervals]
-        total = sum(weights)
-        pairs = list(zip(weights, self._intervals, strict=True))
-        value = sum(weight * each.value for weight, each in pairs) / total
-        taken_s = sum(weight * each.centre_s for weight, each in pairs) / total
-        return Timed(value, taken_s - self._delay_s)
+        weights = below(ends_s) - below(starts_s)
+        weights /= weights.sum()
+        return Timed(float(weights @ values), float(weights @ centres_s) - self._delay_s)
+
+
+class _Intervals:
+    """Those between readings, oldest first: start, end, value and centre of each; appending is O(1) on average.
+
+    In arrays, since a burst of readings that all came at once has thousands of them in a window.
+    """
+
+    def __init__(self) -> None:
+        self._kept = np.empty((4, 64))
+        self._first, self._end = 0, 0
+
+    @property
+    def rows(self) -> FloatArray:
+        """(4, n)."""
+        return self._kept[:, self._first : self._end]
+
+    def append(self, start_s: float, end_s: float, value: float, centre_s: float) -> None:
+        if self._end == self._kept.shape[1]:
+            rows = self.rows
+            self._kept = np.hstack([rows, np.empty((4, max(64, rows.shape[1])))])
+            self._first, self._end = 0, rows.shape[1]
+        self._kept[:, self._end] = start_s, end_s, value, centre_s
+        self._end += 1
+
+    def forget(self, before_s: float) -> None:
+        """Those that have ended by then."""
+        while self._kept[1, self._first] <= before_s:
+            self._first += 1
