@@ -63,7 +63,7 @@ SETTINGS: Mapping[str, frozenset[str]] = {
         "_stamped_by_vehicle",
         "autonomy.mavlink.pairing.Pairing": "_gap_s _intake",
         "autonomy.mavlink.authority.Authority": (
-            "_adopt _is_full _table _return_mode _return_battery _starts_by_itself _heeds_start"
+            "_adopt _is_full _stays_taken _table _return_mode _return_battery _starts_by_itself _heeds_start"
         ),
         "autonomy.sampling.SampleGate": "_survey _sampling _transform _allowed",
         "autonomy.quality.stream.QualityControl": "_section _fail_span",

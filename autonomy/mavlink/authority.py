@@ -85,6 +85,7 @@ class Authority:
     ) -> None:
         self._adopt = adopt
         self._is_full = mode == "full"
+        self._stays_taken = resume == "never"
         self._table = table_of(mode, resume)
         self._starts_by_itself, self._heeds_start = starts_by_itself, heeds_start
         self._start_allowed: bool | None = None
@@ -186,7 +187,7 @@ class Authority:
         """It was set in motion, and somebody has stopped it before we saw it move: he has taken the boat."""
         self._take(state)
         self._hold = Hold.NONE
-        if self.command is Command.HELD:
+        if self.command is Command.HELD or self._stays_taken:
             self.command = Command.YIELDED
         self.observe(state)
 
