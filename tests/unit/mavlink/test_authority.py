@@ -503,6 +503,18 @@ def test_who_stops_a_boat_at_once_has_taken_it() -> None:
     assert (released.command, released.action) == (Command.YIELDED, Action.LISTEN)
 
 
+def test_who_stops_a_boat_at_once_has_taken_it_for_good_where_taken_is_taken() -> None:
+    ready = replace(HOLD, ekf_ok=True, gps_fix_type=3, lat_deg=33.5, lon_deg=-118.5)
+    authority = Authority(adopt=False, mode="full", resume="never")
+    authority.mission_read(OnBoard.EMPTY)
+    authority.upload_verified()
+    authority.observe(ready)
+    assert authority.action is Action.SELECT_AUTO
+    authority.order_undone(ready)
+    assert (authority.command, authority.action) == (Command.YIELDED, Action.LISTEN)
+    assert not authority.decide(ready).allowed
+
+
 def test_in_the_mode_that_brings_it_home_the_boat_is_the_operators_unless_it_was_sent() -> None:
     authority = started()
     authority.observe(RTL)
