@@ -87,6 +87,11 @@ def route_bytes(route_deg: Sequence[tuple[float, float]]) -> bytes:
     return data + struct.pack(f"<{len(steps)}h", *steps)
 
 
+def _rounded(lat_deg: float, step_deg: float) -> float:
+    """A pole may come out beyond itself, by what the step is rounded."""
+    return min(max(lat_deg, -90.0), 90.0) if abs(lat_deg) <= 90.0 + step_deg else lat_deg
+
+
 def route_from(reader: "Reader") -> tuple[tuple[float, float], ...]:
     """The corners, latitude and longitude."""
     count = reader.byte()
@@ -100,7 +105,7 @@ def route_from(reader: "Reader") -> tuple[tuple[float, float], ...]:
         raise DigestError("a plan that is nowhere")
     steps = reader.unpack(struct.Struct(f"<{2 * count - 2}h"))
     others = [
-        (first[0] + step * north, _wrapped(first[1] + step * east))
+        (_rounded(first[0] + step * north, step), _wrapped(first[1] + step * east))
         for north, east in zip(steps[::2], steps[1::2], strict=True)
     ]
     if not all(abs(each[0]) <= 90.001 for each in others):

@@ -298,6 +298,8 @@ class JournalMachine(RuleBasedStateMachine):
     def all_files_are_removed(self) -> None:
         for path in self.disk.files():
             self.disk._unlink(path)
+            # A file of the same name is another one.
+            self.disk.synced.pop(path, None)
         self.safe = set()
         # Without a checkpoint nothing tells that there ever was a run: then the first is the first again.
         self.runs = set() if self.checkpoint is None else {self.checkpoint.run}

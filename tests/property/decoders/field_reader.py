@@ -4,6 +4,7 @@ What ends it, or holds it for long, is given to `open_netcdf`, whose guard is th
 """
 
 import json
+import os
 import resource
 import select
 import subprocess
@@ -21,9 +22,6 @@ LONGEST_S = 1.0
 MOST_KIB = 100 * 1024
 """More than the child has after its first file."""
 
-FILES_OF_A_CHILD = 500
-"""What damaged files leave behind in the library may spoil the next: all of them would be refused."""
-
 _PATIENCE_S = 30.0
 
 
@@ -32,7 +30,6 @@ class FieldReader:
 
     def __init__(self) -> None:
         self._child: subprocess.Popen[bytes] | None = None
-        self._left = 0
         self._at_first_kib = 0
 
     def __call__(self, path: Path) -> None:
@@ -42,16 +39,13 @@ class FieldReader:
             FieldError: it can't be read.
             AssertionError: something else was raised, or it took too long, or too much memory.
         """
-        if self._child is None or not self._left:
-            self.close()
-            self._left = FILES_OF_A_CHILD
+        if self._child is None:
             self._child = subprocess.Popen(
                 [sys.executable, __file__],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
             )
-        self._left -= 1
         child = self._child
         assert child.stdin is not None
         assert child.stdout is not None
@@ -84,22 +78,33 @@ def main() -> None:
     """What the child does: a name on each line, an answer on each."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     for line in sys.stdin:
-        begun = time.process_time()
-        error, words = "", ""
-        path = Path(line.rstrip("\n"))
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
-        most = pages * resource.getpagesize() + LIMITS.memory(path.stat().st_size)
-        resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
-        try:
-            read_unguarded(path, None)
-        except MemoryError:
-            # The guard says so in words.
-            error = FieldError.__name__
-        except Exception as problem:  # noqa: BLE001 -- the parent judges it
-            error, words = type(problem).__name__, str(problem)
-        peak_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        cost = {"cpu_s": time.process_time() - begun, "peak_kib": peak_kib}
-        print(json.dumps({"error": error, "words": words, **cost}), flush=True)
+        # What a damaged file leaves behind in the library would spoil the next: each is read by a copy.
+        copy = os.fork()
+        if not copy:
+            answer(Path(line.rstrip("\n")))
+            os._exit(0)
+        _, status = os.waitpid(copy, 0)
+        if status:
+            sys.exit(1)
+
+
+def answer(path: Path) -> None:
+    """Read one file and say what came of it."""
+    begun = time.process_time()
+    error, words = "", ""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    most = pages * resource.getpagesize() + LIMITS.memory(path.stat().st_size)
+    resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
+    try:
+        read_unguarded(path, None)
+    except MemoryError:
+        # The guard says so in words.
+        error = FieldError.__name__
+    except Exception as problem:  # noqa: BLE001 -- the parent judges it
+        error, words = type(problem).__name__, str(problem)
+    peak_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    cost = {"cpu_s": time.process_time() - begun, "peak_kib": peak_kib}
+    print(json.dumps({"error": error, "words": words, **cost}), flush=True)
 
 
 if __name__ == "__main__":
