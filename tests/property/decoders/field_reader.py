@@ -23,6 +23,8 @@ MOST_KIB = 100 * 1024
 """More than the child has after its first file."""
 
 _PATIENCE_S = 30.0
+_MOST_CPU_S = 10
+"""Then a copy that hangs ends by itself, whoever still waits for it."""
 
 
 class FieldReader:
@@ -93,6 +95,7 @@ def answer(path: Path) -> None:
     begun = time.process_time()
     error, words = "", ""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_CPU, (_MOST_CPU_S, _MOST_CPU_S))
     most = pages * resource.getpagesize() + LIMITS.memory(path.stat().st_size)
     resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
     try:

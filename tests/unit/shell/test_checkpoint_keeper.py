@@ -65,31 +65,28 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
     return disk
 
 
-def test_what_waits_is_written_before_the_end(tmp_path: Path, disk: Disk) -> None:
-    store = Store(tmp_path)
+def write_all_at_once(folder: Path, disk: Disk, *times: float) -> None:
+    """The first is being written while the others are handed in."""
+    store = Store(folder)
     keeper = Keeper(store)
     disk.free.clear()
-    keeper.keep(checkpoint(1.0))
-    disk.asked.acquire()
-    keeper.keep(checkpoint(2.0))
+    for number, now in enumerate(times):
+        keeper.keep(checkpoint(now))
+        if not number:
+            disk.asked.acquire()
     disk.free.set()
     keeper.close()
     store.close()
+
+
+def test_what_waits_is_written_before_the_end(tmp_path: Path, disk: Disk) -> None:
+    write_all_at_once(tmp_path, disk, 1.0, 2.0)
     assert kept(tmp_path) == [2.0, 1.0]
 
 
 def test_where_one_gave_way_the_older_of_two_generations_is_replaced(tmp_path: Path, disk: Disk) -> None:
     """Not the newest, which would leave one that is two older than the last, or none beside it."""
-    store = Store(tmp_path)
-    keeper = Keeper(store)
-    disk.free.clear()
-    keeper.keep(checkpoint(1.0))
-    disk.asked.acquire()
-    keeper.keep(checkpoint(2.0))
-    keeper.keep(checkpoint(3.0))
-    disk.free.set()
-    keeper.close()
-    store.close()
+    write_all_at_once(tmp_path, disk, 1.0, 2.0, 3.0)
     assert kept(tmp_path) == [3.0, 1.0]
 
 
