@@ -7,7 +7,7 @@ import numpy as np
 
 from autonomy.config import Configuration
 from autonomy.geometry import FloatArray, LocalFrame
-from autonomy.mavlink.mission_items import MissionItem, waypoint
+from autonomy.mavlink.mission_items import Mission, waypoint
 from autonomy.planning.plan import Plan
 
 LEAST_RADIUS_M = 2.0
@@ -47,7 +47,7 @@ def handling_of(configuration: Configuration, speed_mps: float) -> Handling:
     )
 
 
-def compile_mission(plan: Plan, frame: LocalFrame, handling: Handling) -> tuple[MissionItem, ...]:
+def compile_mission(plan: Plan, frame: LocalFrame, handling: Handling) -> Mission:
     """One NAV_WAYPOINT for each corner of a plan, its k-th item for corner k."""
     radii_m = acceptance_radii_m(np.vstack([plan.start_m, plan.route_m]), handling)
     places = frame.to_geodetic(plan.route_m).reshape(-1, 2).tolist()

@@ -143,7 +143,7 @@ class Core:
     @property
     def position_m(self) -> FloatArray | None:
         """Where the vessel was last, shape (2,), local metres."""
-        return self._helm.position_m
+        return self._helm.passage.position_m
 
     def checkpoint(self) -> Memory:
         """All that is known, to be called between two events: cheap, and safe to encode in another thread."""
@@ -278,7 +278,7 @@ class Core:
                 self._replanning.want(Trigger.FENCE)
                 if self._seaway.problem is not None:
                     self._reporter.log(Level.ERROR, self._seaway.problem)
-        stall = self._helm.take_stall()
+        stall = self._helm.passage.take_stall()
         if stall is not None:
             lasts_s = self._seaway.give_up(time_s, stall.point_m, stall.waypoint_m)
             lat_deg, lon_deg = self._survey.frame.to_geodetic(stall.waypoint_m)
@@ -298,7 +298,7 @@ class Core:
             self._send(self._helm.warn(f"halocline: {alarm.text}", critical=alarm.is_critical))
             if not self._replanning.is_due:
                 self._replanning.want(Trigger.LAND)
-        if authority.waits_on_board and self._helm.is_sure and self._course.begins_across_land(now):
+        if authority.waits_on_board and self._helm.passage.is_sure and self._course.begins_across_land(now):
             authority.ask_for_another()
             text = "land lies before waypoint 1 of the mission on board"
             self._reporter.log(Level.WARNING, f"{text}: another is made from where the boat is now")
@@ -309,19 +309,20 @@ class Core:
 
     def _watch_budget(self, now: float) -> None:
         """Mind what distance, time and energy are left; turn the vessel homeward when they ask for it."""
-        helm, homeward = self._helm, self._homeward
+        helm, passage, homeward = self._helm, self._helm.passage, self._homeward
         vehicle, active = helm.state, helm.dispatch.active
-        if not homeward.is_minded or vehicle is None or helm.position_m is None:
+        if not homeward.is_minded or vehicle is None or passage.position_m is None:
             return
         homeward.told_home(
             None if vehicle.home_deg is None else self._survey.frame.to_local(*vehicle.home_deg)
         )
-        is_sailing = helm.sailing_ours and not helm.path_finished
-        reading = Reading.of(vehicle, helm.position_m, helm.distance_m, is_sailing=is_sailing)
+        is_sailing = passage.sailing_ours and not passage.path_finished
+        reading = Reading.of(vehicle, passage.position_m, passage.distance_m, is_sailing=is_sailing)
         homeward.follow(reading, armed=vehicle.armed, commanded=helm.authority.in_command)
-        damaged = helm.has_damaged_ours
-        if active is not None and (helm.sailing_ours or damaged):
-            self._head_home(now, Sailing(active.plan, helm.remaining_route_m(), helm.path_finished, damaged))
+        damaged = passage.has_damaged_ours
+        if active is not None and (passage.sailing_ours or damaged):
+            route_m = passage.remaining_route_m()
+            self._head_home(now, Sailing(active.plan, route_m, passage.path_finished, damaged))
         for note in homeward.take_notes():
             self._reporter.log(Level.WARNING if note.is_warning else Level.INFO, note.text)
             if note.is_warning:
@@ -330,7 +331,7 @@ class Core:
     def _head_home(self, now: float, sailing: Sailing) -> None:
         try:
             plan = self._homeward.watch(
-                self._helm.model_time_s, sailing, self._seaway.water, self._helm.pace_mps
+                self._helm.model_time_s, sailing, self._seaway.water, self._helm.passage.pace_mps
             )
         except Unreachable as error:
             self._homeward.cannot(str(error))
@@ -374,6 +375,6 @@ class Core:
             plans=self._plans,
             worker_busy=self._replanning.is_busy,
             in_touch=self._situation.in_touch,
-            distance_m=self._helm.distance_m,
+            distance_m=self._helm.passage.distance_m,
             quality=self._gate.quality.counts,
         )

@@ -4,17 +4,17 @@ New plans arriving faster than uploads finish is the classic failure of a lossy 
 let end. What is on board is read before it is replaced, and again whenever it may have changed.
 """
 
-from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autonomy.aboard import Aboard
 from autonomy.mavlink.authority import Authority, OnBoard, Permission
 from autonomy.mavlink.mission import (
     Failed,
+    Mission,
     MissionDownload,
-    MissionItem,
     MissionTransfer,
     Route,
     missions_equal,
@@ -35,12 +35,6 @@ FAILURES = 5
 
 READ_AGAIN_S = 600.0
 """Protocol time after which a mission of ours that is being sailed is read again, whatever the autopilot tells."""
-
-_REMEMBERED_INTERRUPTED = 8
-
-_MANY_MISMATCHES = 20
-
-Mission = tuple[MissionItem, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +77,7 @@ class MissionDispatch:
         self._looked = False
         self._sending: Dispatched | None = None
         self._machine: MissionTransfer | MissionDownload | None = None
-        self._on_board: Mission | None = None
-        self._interrupted: deque[Mission] = deque(maxlen=_REMEMBERED_INTERRUPTED)
+        self._aboard = Aboard()
         self._room: int | None = None
         self._not_before = 0.0
         self._stepped = 0.0
@@ -92,9 +85,6 @@ class MissionDispatch:
         self._unread_failures = 0
         self._doubted = False
         self._read_s = 0.0
-        self._mismatches = 0
-        self._compare_due = 0.0
-        self._odd: int | None = None
         self._refusal: str | None = None
         self._notes: list[Note] = []
         self.milestones = 0
@@ -144,9 +134,9 @@ class MissionDispatch:
     def resume(self) -> None:
         """The service was away, and may not remember the last it did: an upload of what waits may have begun."""
         if self._waiting is not None:
-            if self._on_board is None and self.active is not None:
-                self._remember_interrupted(self.active.items)
-            self._remember_interrupted(self._waiting.items)
+            if self._aboard.mission is None and self.active is not None:
+                self._aboard.interrupted(self.active.items)
+            self._aboard.interrupted(self._waiting.items)
         self.forget()
 
     def forget(self) -> None:
@@ -157,26 +147,13 @@ class MissionDispatch:
 
     def compare(self, vehicle: VehicleState) -> None:
         """Read the mission on board again if its length is not the one we know; ever more rarely if that stays so."""
-        if self._machine is not None or self._on_board is None:
-            return
-        told = _total_of(vehicle)
-        if _fits(told, self._on_board):
-            self._mismatches = 0
-            return
-        self._mismatches = self._mismatches if told == self._odd else 0
-        if not self._mismatches or self._stepped >= self._compare_due:
-            # One that was read and is what we know after all: this autopilot counts otherwise.
-            self._odd = told
-            self._compare_due = self._stepped + min(READ_AGAIN_S, RETRY_S * 2**self._mismatches)
-            self._mismatches = min(self._mismatches + 1, _MANY_MISMATCHES)
+        if self._machine is None and self._aboard.is_to_be_read(self._stepped, vehicle):
             self._note("the mission on board has changed: reading it")
             self._void()
 
     def may_be_on_board(self, vehicle: VehicleState) -> bool:
         """Whether the active plan may still be on board, as far as that is known without reading it."""
-        return (
-            self.active is not None and not self._interrupted and _fits(_total_of(vehicle), self.active.items)
-        )
+        return self.active is not None and self._aboard.may_be(self.active.items, vehicle)
 
     def doubt(self, reason: str) -> None:
         """The boat does not seem to sail what we know to be on board: read that again when nothing else is going on."""
@@ -244,14 +221,15 @@ class MissionDispatch:
     def _upload(self, now: float, vehicle: VehicleState, route: Route, time_scale: float) -> list[Any]:
         assert self._waiting is not None
         self._sending, self._waiting = self._waiting, None
-        on_board = self._on_board is not None and missions_equal(self._sending.items, self._on_board)
+        known = self._aboard.mission
+        on_board = known is not None and missions_equal(self._sending.items, known)
         self._machine = MissionTransfer(
             self._sending.items,
             route,
             autopilot=vehicle.autopilot,
             make_current=self._authority.in_command,
             on_board=on_board,
-            replaces=(self._on_board or (), *self._interrupted),
+            replaces=self._aboard.sources,
             mission_state=mavlink.MISSION_STATE_COMPLETE if self._restart else vehicle.mission_state,
             time_scale=time_scale,
         )
@@ -275,16 +253,10 @@ class MissionDispatch:
 
     def _void(self) -> None:
         if self._sending is not None:
-            self._remember_interrupted(self._sending.items)
-        self._sending = self._machine = self._on_board = None
+            self._aboard.interrupted(self._sending.items)
+        self._sending = self._machine = self._aboard.mission = None
         self._doubted = False
         self._authority.mission_read(OnBoard.UNREAD)
-
-    def _remember_interrupted(self, items: Mission) -> None:
-        """A transfer that ended half-way leaves items of it among those that were on board before."""
-        for mission in (self._on_board or (), items):
-            if mission not in self._interrupted:
-                self._interrupted.append(mission)
 
     def _conclude(self, now: float) -> None:
         """Draw the conclusions when the running machine has come to its end."""
@@ -313,8 +285,7 @@ class MissionDispatch:
     def _verified(self, sent: Dispatched) -> None:
         self.active, self.reached = sent, 0
         self.milestones += 1
-        self._on_board = sent.items
-        self._interrupted.clear()
+        self._aboard.verified(sent.items)
         self._authority.upload_verified()
         self._note(f"mission of {len(sent.items)} waypoints verified on board")
 
@@ -323,8 +294,8 @@ class MissionDispatch:
         if failure.on_board is not None:
             self._verified(sent)
         elif failure.on_board_unknown:
-            self._remember_interrupted(sent.items)
-            self._on_board = None
+            self._aboard.interrupted(sent.items)
+            self._aboard.mission = None
             self._authority.upload_failed(on_board_unknown=True)
         else:
             self._authority.mission_read(self._known)
@@ -373,38 +344,10 @@ class MissionDispatch:
             self._waiting = None
             self._verified(waiting)
             return
-        changed = self._on_board is None or not missions_equal(self._on_board, items)
-        self._on_board, self._looked = items, True
-        on_board = self._judge(items)
+        self._looked = True
+        on_board, changed = self._aboard.read(items, None if self.active is None else self.active.items)
         self._authority.mission_read(on_board)
         if on_board in (OnBoard.FOREIGN, OnBoard.REPLACED) and changed:
             self._waiting = None  # it was not made to replace this one
         if changed:
             self._note(f"{len(items)} waypoints on board: {on_board.value}")
-
-    def _judge(self, items: Mission) -> OnBoard:
-        if not items:
-            return OnBoard.EMPTY
-        if self.active is not None and missions_equal(self.active.items, items):
-            return OnBoard.OURS
-        if self._is_mixture(items):
-            return OnBoard.DAMAGED
-        # Whoever replaces a mission of ours means it, also where one that was there before us may be adopted.
-        return OnBoard.FOREIGN if self.active is None else OnBoard.REPLACED
-
-    def _is_mixture(self, items: Mission) -> bool:
-        """Whether every item comes from a transfer of ours that ended half-way or from what it was to replace."""
-        return bool(self._interrupted) and all(
-            any(missions_equal(mission[k : k + 1], (item,)) for mission in self._interrupted)
-            for k, item in enumerate(items)
-        )
-
-
-def _total_of(vehicle: VehicleState) -> int | None:
-    """How many waypoints the vehicle says are on board; None if it does not."""
-    return 0 if vehicle.mission_state == mavlink.MISSION_STATE_NO_MISSION else vehicle.mission_total
-
-
-def _fits(total: int | None, mission: Mission) -> bool:
-    """Whether a mission may be that long; some autopilots count home, which is item 0."""
-    return total is None or total in (len(mission), len(mission) + 1)

@@ -50,7 +50,13 @@ class Handback:
     def _resumed(self) -> int | None:
         """The waypoint of ours that AUTO would make for; None if it is none of ours, or AUTO is far."""
         helm, vehicle, active = self._helm, self._helm.state, self._helm.dispatch.active
-        if vehicle is None or active is None or not helm.is_sure or not vehicle.armed or vehicle.mode == AUTO:
+        if (
+            vehicle is None
+            or active is None
+            or not helm.passage.is_sure
+            or not vehicle.armed
+            or vehicle.mode == AUTO
+        ):
             return None
         if helm.authority.command not in (Command.YIELDED, Command.HELD):
             return None
@@ -62,7 +68,7 @@ class Handback:
         return number if number <= len(active.items) else None
 
     def _is_free(self, number: int) -> bool:
-        here_m, active = self._helm.position_m, self._helm.dispatch.active
+        here_m, active = self._helm.passage.position_m, self._helm.dispatch.active
         assert here_m is not None
         assert active is not None
         return is_free_of_land(here_m, active.plan.route_m[number - 1], self._seaway.water)

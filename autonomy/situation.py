@@ -137,7 +137,11 @@ class Situation:
         if self._homeward.is_returning:
             return State.RETURNING, self._homeward.reason or "the way home is what is left of the budget"
         if self.wish is Wish.PAUSE:
-            sails = "" if self._helm.path_finished else ": the boat sails its leg to the end, and stays there"
+            sails = (
+                ""
+                if self._helm.passage.path_finished
+                else ": the boat sails its leg to the end, and stays there"
+            )
             return State.PAUSED, f"{Wish.PAUSE.value}{sails}"
         if self.wish is Wish.FINISH:
             reason += f", {Wish.FINISH.value}"

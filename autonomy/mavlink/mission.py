@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autonomy.mavlink.mission_current import MakeCurrent, MakingCurrent
 from autonomy.mavlink.mission_download import Download, MissionDownload
 from autonomy.mavlink.mission_items import (
+    Mission,
     MissionItem,
     Route,
     missions_equal,
@@ -21,6 +22,7 @@ from autonomy.mavlink.mission_upload import MissionUpload, Upload
 
 __all__ = [
     "Failed",
+    "Mission",
     "MissionDownload",
     "MissionItem",
     "MissionTransfer",
@@ -45,7 +47,7 @@ def time_scale(clock_rate: float) -> float:
 class Verified:
     """The mission was read back from the vehicle and is what was sent (without home)."""
 
-    mission: tuple[MissionItem, ...]
+    mission: Mission
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class Failed:
 
     reason: str
     on_board_unknown: bool
-    on_board: tuple[MissionItem, ...] | None = None
+    on_board: Mission | None = None
     permanent: bool = False
     no_space: bool = False
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.mission_items import MissionItem, Route, has_home_item
+from autonomy.mavlink.mission_items import Mission, MissionItem, Route, has_home_item
 from autonomy.mavlink.mission_upload import (
     ATTEMPTS,
     BUSY_INTERVAL_S,
@@ -82,7 +82,7 @@ class MissionDownload:
         self.reason = ""
 
     @property
-    def mission(self) -> tuple[MissionItem, ...] | None:
+    def mission(self) -> Mission | None:
         """The mission without home, once it is DONE; empty if there is none on board."""
         if self.state is not Download.DONE:
             return None

@@ -108,6 +108,10 @@ class MissionItem:
         )
 
 
+Mission = tuple[MissionItem, ...]
+"""Waypoints without home."""
+
+
 def waypoint(
     lat_deg: float, lon_deg: float, *, acceptance_radius_m: float, hold_s: float = 0.0
 ) -> MissionItem:

@@ -533,11 +533,11 @@ def test_what_was_interrupted_is_remembered_without_bounds_nowhere(bench):
     bench.start(dispatched("first"))
     second = dispatched("second")
     for _ in range(30):
-        bench.dispatch._remember_interrupted(second.items)
-    assert len(bench.dispatch._interrupted) == 2
+        bench.dispatch._aboard.interrupted(second.items)
+    assert len(bench.dispatch._aboard.sources) == 3  # with what is on board itself
     for k in range(30):
-        bench.dispatch._remember_interrupted(dispatched("x" * k).items)
-    assert len(bench.dispatch._interrupted) <= 8
+        bench.dispatch._aboard.interrupted(dispatched("x" * k).items)
+    assert len(bench.dispatch._aboard.sources) <= 9
 
 
 def test_failures_are_warnings_and_successes_none(bench):
