@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.mavlink.authority import OnBoard
 from autonomy.mavlink.mission import Mission, missions_equal
-from autonomy.mavlink.telemetry import VehicleState
+from autonomy.mavlink.vehicle import VehicleState
 
 FIRST_COMPARISON_S = 2.0
 """A length that does not fit is held against what is on board again after this, doubled each time it does not help."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from autonomy.config import BudgetSection
 from autonomy.consumption import Meter, MetreCost
 from autonomy.geometry import FloatArray
-from autonomy.mavlink.telemetry import VehicleState
+from autonomy.mavlink.vehicle import VehicleState
 
 DISTANCE, DURATION, ENERGY = range(3)
 """Columns of everything here that counts limits: metres over ground, seconds of model time, joules."""

@@ -30,8 +30,8 @@ from autonomy.handback import Handback
 from autonomy.helm import Helm
 from autonomy.homeward import Homeward, Sailing
 from autonomy.learning.learner import Learner
+from autonomy.mavlink.pairing import Observation
 from autonomy.mavlink.safeguards import Safeguards
-from autonomy.mavlink.telemetry import Observation
 from autonomy.memory import Memory, UnfitMemoryError, capture, restore
 from autonomy.planning.passage import Unreachable
 from autonomy.planning.plan import Plan

@@ -21,7 +21,7 @@ from autonomy.mavlink.mission import (
 )
 from autonomy.mavlink.mission_download import Download
 from autonomy.mavlink.rover import AUTO
-from autonomy.mavlink.telemetry import VehicleState
+from autonomy.mavlink.vehicle import VehicleState
 from autonomy.notes import Note
 from autonomy.planning.plan import Plan
 

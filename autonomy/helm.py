@@ -13,9 +13,11 @@ from autonomy.mavlink.authority import Authority
 from autonomy.mavlink.authority_table import Action
 from autonomy.mavlink.companion import StreamRequests, heartbeat, status_text, wanted_streams
 from autonomy.mavlink.mission import Route, time_scale
+from autonomy.mavlink.pairing import Observation
 from autonomy.mavlink.rover import RTL, SMART_RTL, unsupported
 from autonomy.mavlink.safeguards import NOT_READ, Safeguards, SafeguardsReading
-from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
+from autonomy.mavlink.telemetry import Telemetry
+from autonomy.mavlink.vehicle import VehicleState
 from autonomy.notes import AutopilotWords, Note
 from autonomy.orders import Orders
 from autonomy.passage import Passage

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.telemetry import StatusText
+from autonomy.mavlink.vehicle import StatusText
 
 WINDOW_S = 60.0
 LINES_PER_WINDOW = 20

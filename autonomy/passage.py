@@ -11,7 +11,8 @@ from autonomy.dispatch import MissionDispatch
 from autonomy.geometry import FloatArray, LocalFrame
 from autonomy.mavlink.authority import Authority, OnBoard
 from autonomy.mavlink.mission import MissionItem
-from autonomy.mavlink.telemetry import Telemetry, VehicleState
+from autonomy.mavlink.telemetry import Telemetry
+from autonomy.mavlink.vehicle import VehicleState
 from autonomy.pace import Pace
 from autonomy.progress import Progress
 from autonomy.stall import ClosingWatch, StallWatch

@@ -12,8 +12,9 @@ from autonomy.learning.choice import Choice
 from autonomy.learning.description import describe
 from autonomy.learning.learner import Learner
 from autonomy.learning.rebuild import Reestimate
+from autonomy.mavlink.pairing import Observation
 from autonomy.mavlink.rover import mode_name
-from autonomy.mavlink.telemetry import Observation, Telemetry
+from autonomy.mavlink.telemetry import Telemetry
 from autonomy.planning.plan import Plan
 from autonomy.planning.survey import SurveyArea
 from autonomy.quality import Flags, aggregate

@@ -9,7 +9,8 @@ import numpy as np
 from autonomy.config import Configuration
 from autonomy.geometry import FloatArray
 from autonomy.learning.transform import transform_of
-from autonomy.mavlink.telemetry import Observation, VehicleState
+from autonomy.mavlink.pairing import Observation
+from autonomy.mavlink.vehicle import VehicleState
 from autonomy.planning.survey import SurveyArea
 from autonomy.quality import Check, Flag, Flags, Judged, QualityControl, Reading, Waters, refused_by
 

@@ -9,7 +9,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autonomy.mavlink.codec import Codec
 from autonomy.mavlink.rover import AUTO
 from autonomy.mavlink.signing import Signing, SigningKey
-from autonomy.mavlink.telemetry import Telemetry, VehicleState
+from autonomy.mavlink.telemetry import Telemetry
+from autonomy.mavlink.vehicle import VehicleState
 from autonomy.shell.transport import Transport
 from autonomy.shell.transports import open_transport
 

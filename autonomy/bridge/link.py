@@ -10,7 +10,8 @@ from autonomy.bridge.configuration import BridgeConfiguration
 from autonomy.bridge.lag import Timed
 from autonomy.mavlink.companion import Stream, StreamRequests, heartbeat, status_text
 from autonomy.mavlink.mission_items import Route
-from autonomy.mavlink.telemetry import Telemetry, VehicleState
+from autonomy.mavlink.telemetry import Telemetry
+from autonomy.mavlink.vehicle import VehicleState
 
 _HEARTBEAT_S = 1.0
 _WORDS_S = 10.0

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.mavlink.authority_table import Action, Command, Event, Mode, Resume, table_of
 from autonomy.mavlink.rover import AUTO, HOLD, RTL, mode_name, unsupported
-from autonomy.mavlink.telemetry import VehicleState
+from autonomy.mavlink.vehicle import VehicleState
 
 JITTER_S = 0.1
 """A vehicle's clock tells when it began anew as exactly as the link is even."""

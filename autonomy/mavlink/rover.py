@@ -2,7 +2,7 @@
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.mavlink.telemetry import VehicleState
+from autonomy.mavlink.vehicle import VehicleState
 
 HOLD, AUTO, RTL, SMART_RTL = 4, 10, 11, 12
 ROVER_MODES = {

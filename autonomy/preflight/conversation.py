@@ -11,8 +11,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autonomy.config import Configuration, MavlinkSection
 from autonomy.mavlink.companion import Stream, StreamRequests, heartbeat, wanted_streams
 from autonomy.mavlink.mission_items import Route
+from autonomy.mavlink.pairing import Observation
 from autonomy.mavlink.safeguards import SafeguardsReading
-from autonomy.mavlink.telemetry import Observation, Telemetry, VehicleState
+from autonomy.mavlink.telemetry import Telemetry
+from autonomy.mavlink.vehicle import VehicleState
 
 _HEARTBEAT_S = 1.0
 _ASK_AGAIN_S = 1.5

@@ -7,7 +7,7 @@ from shapely.geometry import Point
 
 from autonomy.budget import Budget, Reading
 from autonomy.geometry import FloatArray
-from autonomy.mavlink.telemetry import VehicleState
+from autonomy.mavlink.vehicle import VehicleState
 from autonomy.planning.survey import SurveyArea
 from autonomy.preflight.facts import Facts
 from autonomy.preflight.finding import Finding, failed, passed, skipped, warned

@@ -10,8 +10,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from shapely.geometry import Polygon
 
 from autonomy.config import Configuration
+from autonomy.mavlink.pairing import Observation
 from autonomy.mavlink.safeguards import NOT_READ, Safeguards
-from autonomy.mavlink.telemetry import Observation, VehicleState
+from autonomy.mavlink.vehicle import VehicleState
 from autonomy.planning.survey import SurveyArea
 from autonomy.preflight.conversation import Conversation
 from autonomy.quality.location import Waters

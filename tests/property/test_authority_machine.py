@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autonomy.mavlink.authority import Authority, OnBoard, Permission
 from autonomy.mavlink.authority_table import Action
 from autonomy.mavlink.rover import AUTO, HOLD, RTL
-from autonomy.mavlink.telemetry import VehicleState
+from autonomy.mavlink.vehicle import VehicleState
 
 MANUAL = 0
 ACTIVE, CRITICAL, EMERGENCY = 4, 5, 6

@@ -21,7 +21,8 @@ from autonomy.mavlink.clock import ModelClock
 from autonomy.mavlink.mission import MissionTransfer
 from autonomy.mavlink.mission_current import MakeCurrent
 from autonomy.mavlink.mission_upload import MissionUpload
-from autonomy.mavlink.telemetry import Telemetry, VehicleState
+from autonomy.mavlink.telemetry import Telemetry
+from autonomy.mavlink.vehicle import VehicleState
 from autonomy.orders import Orders
 from autonomy.stall import StallWatch
 from sim.autopilot import Options

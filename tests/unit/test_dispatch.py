@@ -12,7 +12,7 @@ from autonomy.dispatch import Dispatched, MissionDispatch
 from autonomy.mavlink.authority import Authority, OnBoard
 from autonomy.mavlink.codec import Codec
 from autonomy.mavlink.mission import Route, waypoint
-from autonomy.mavlink.telemetry import VehicleState
+from autonomy.mavlink.vehicle import VehicleState
 from autonomy.planning.plan import Plan
 from sim.autopilot import Autopilot, Mode, transfer
 from sim.autopilot.missions import MissionItem

@@ -1,6 +1,6 @@
 """What the autopilot writes to its operator, in our log."""
 
-from autonomy.mavlink.telemetry import StatusText
+from autonomy.mavlink.vehicle import StatusText
 from autonomy.notes import AutopilotWords, Note
 
 

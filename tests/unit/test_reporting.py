@@ -10,7 +10,8 @@ from autonomy.config import Configuration
 from autonomy.effects import Level, Log, Publish, Topic
 from autonomy.geometry import LocalFrame
 from autonomy.learning.learner import Learner
-from autonomy.mavlink.telemetry import Observation, Telemetry
+from autonomy.mavlink.pairing import Observation
+from autonomy.mavlink.telemetry import Telemetry
 from autonomy.planning.plan import Plan
 from autonomy.planning.survey import SurveyArea
 from autonomy.quality import Check, Flag

@@ -8,7 +8,8 @@ import shapely
 
 from autonomy.config import Configuration
 from autonomy.geometry import LocalFrame
-from autonomy.mavlink.telemetry import Observation, VehicleState
+from autonomy.mavlink.pairing import Observation
+from autonomy.mavlink.vehicle import VehicleState
 from autonomy.planning.survey import SurveyArea
 from autonomy.quality import Flag, aggregate
 from autonomy.sampling import SampleGate

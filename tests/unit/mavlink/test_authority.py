@@ -9,7 +9,7 @@ import pytest
 from autonomy.mavlink.authority import Authority, OnBoard
 from autonomy.mavlink.authority_table import Action, Command, Mode
 from autonomy.mavlink.rover import mode_name
-from autonomy.mavlink.telemetry import VehicleState
+from autonomy.mavlink.vehicle import VehicleState
 
 HOLD = VehicleState(1, 1, autopilot=3, vehicle_type=11, mode=4, armed=False, system_status=3)
 AUTO = replace(HOLD, mode=10, armed=True, system_status=4)

@@ -10,8 +10,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.geometry import LocalFrame
 from autonomy.mavlink.codec import Codec
-from autonomy.mavlink.pairing import Intake
-from autonomy.mavlink.telemetry import Observation, Telemetry
+from autonomy.mavlink.pairing import Intake, Observation
+from autonomy.mavlink.telemetry import Telemetry
 
 
 class Vehicle:
