@@ -117,6 +117,11 @@ class Core:
         return called
 
     @property
+    def upload(self) -> object | None:
+        """The transfer of a mission that is under way, whichever it is; None without one."""
+        return self._helm.dispatch.transfer
+
+    @property
     def milestones(self) -> int:
         """Grows when something has been decided that the next run has to know to recognise what is on board."""
         return self._helm.dispatch.milestones + self._directives.milestones

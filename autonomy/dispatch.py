@@ -111,6 +111,11 @@ class MissionDispatch:
         """Whether a conversation about the mission is going on."""
         return self._machine is not None
 
+    @property
+    def transfer(self) -> MissionTransfer | None:
+        """The transfer of a mission of ours that is under way; None without one."""
+        return self._machine if isinstance(self._machine, MissionTransfer) else None
+
     def permission(self, vehicle: VehicleState) -> Permission:
         """Whether a mission may be uploaded now, and why (not)."""
         return self._authority.decide(vehicle)

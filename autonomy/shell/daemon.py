@@ -29,6 +29,7 @@ from autonomy.mavlink.codec import Codec
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell.allocator import GIVE_BACK_S, give_back
 from autonomy.shell.command_desk import CommandDesk
+from autonomy.shell.forethought import Forethought
 from autonomy.shell.journal import Journal
 from autonomy.shell.publisher import Publisher
 from autonomy.shell.resumption import Continuity
@@ -105,6 +106,7 @@ class Daemon:
         )
         self._worker = Worker(survey, self._job_finished, self._job_failed, run=job_runner)
         self._journal = journal
+        self._forethought = Forethought(journal, continuity, self._upload, self._send)
         self._notifier = Notifier(os.environ)
         self._telling = Telling(
             configuration,
@@ -276,12 +278,7 @@ class Daemon:
     def _carry_out(self, effect: Effect) -> None:
         match effect:
             case SendMessage(message):
-                self._codec.system_id = self._core.system_id or _PROVISIONAL_SYSTEM_ID
-                if self._transport is not None:
-                    packet = self._codec.encode(message)
-                    if self._journal is not None:
-                        self._journal.sent(packet)
-                    self._transport.send(packet)
+                self._forethought.send(message)
             case StartJob(job_id, name, request, deadline_s):
                 self._worker.submit(job_id, name, request, deadline_s)
             case Publish(topic, payload):
@@ -290,6 +287,18 @@ class Daemon:
                 self._desk.answered(effect)
             case Log(level, text):
                 log.log(level.value, "%s", text)
+
+    def _send(self, message: Any) -> None:
+        self._codec.system_id = self._core.system_id or _PROVISIONAL_SYSTEM_ID
+        if self._transport is not None:
+            packet = self._codec.encode(message)
+            if self._journal is not None:
+                self._journal.sent(packet)
+            self._transport.send(packet)
+
+    def _upload(self) -> object | None:
+        """The transfer of a mission under way; none once the run is over."""
+        return None if self._ended is None or self._ended.done() else self._core.upload
 
     def _feed_watchdog(self) -> None:
         """Tell the service manager that the loop turns: only a loop that runs its timers feeds it."""

@@ -31,7 +31,7 @@ class Latest(Generic[T]):
         self._place = place
         self._complaint = complaint
         self._waiting: T | None = None
-        self._closing = False
+        self._closing = self._busy = False
         self._changed = threading.Condition()
         self.trouble = ""
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
@@ -42,6 +42,11 @@ class Latest(Generic[T]):
         with self._changed:
             self._waiting = value
             self._changed.notify_all()
+
+    def settle(self, within_s: float) -> bool:
+        """Wait until nothing is left to be worked on; whether it came to that. For any thread."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._waiting is None and not self._busy, within_s)
 
     def close(self) -> None:
         """Work on what waits, and end."""
@@ -72,6 +77,10 @@ class Latest(Generic[T]):
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting is not None or self._closing)
                 value, self._waiting = self._waiting, None
+                self._busy = value is not None
             if value is None:
                 return
             self.at_once(value)
+            with self._changed:
+                self._busy = False
+                self._changed.notify_all()

@@ -144,6 +144,39 @@ def test_without_a_journal_it_goes_on_from_the_last_checkpoint(tmp_path: Path) -
     assert model_of_checkpoint(config, tmp_path / "kept")[1] > 0
 
 
+def test_no_mission_goes_out_that_the_disk_does_not_know_of(tmp_path: Path) -> None:
+    """Else the service that comes after a kill takes its own mission for somebody else's, and leaves him the boat."""
+    port, operator, hold = free_port(), free_port(), tmp_path / "hold"
+    config = configure(
+        tmp_path,
+        f"udpin:127.0.0.1:{port}",
+        journal={"directory": str(tmp_path / "journal")},
+        checkpoint={"directory": str(tmp_path / "kept"), "period_s": 3600.0},
+    )
+    words = (str(Path(__file__).with_name("held_disk.py")), str(hold), "run", "--config", str(config))
+    with Processes() as processes:
+        service = processes.start(*words)
+        processes.vessel(
+            *("--listen", f"udpout:127.0.0.1:{port}", "--listen", f"tcp:127.0.0.1:{operator}"), *VESSEL
+        )
+        with operating(f"tcp:127.0.0.1:{operator}"):
+            service.wait_for(EXPLORING)
+            hold.touch()
+            plans, missions = service.said.count(" plan "), service.said.count("autopilot: Mission: ")
+            service.wait_for(" plan ", count=plans + 1)
+            time.sleep(1.0)  # an upload takes a tenth of that
+            assert service.said.count("autopilot: Mission: ") == missions
+            service.send(signal.SIGKILL)
+            service.wait()
+            hold.unlink()
+            service = processes.start(*words)
+            service.wait_for(EXPLORING)
+            assert_sails_only_what_was_read(service)
+            assert "in place of ours" not in service.said
+            service.wait_for("verified on board")
+            assert service.stop() == 0
+
+
 def test_a_second_service_does_not_sail_the_same_boat(tmp_path: Path) -> None:
     """Started by hand beside the one that systemd keeps, say: it ends, and says what to do."""
     config = configure(tmp_path, f"udpin:127.0.0.1:{free_port()}")

@@ -90,6 +90,22 @@ def test_where_one_gave_way_the_older_of_two_generations_is_replaced(tmp_path: P
     assert kept(tmp_path) == [3.0, 1.0]
 
 
+def test_all_are_settled_when_the_last_is_written(tmp_path: Path, disk: Disk) -> None:
+    store = Store(tmp_path)
+    keeper = Keeper(store)
+    assert keeper.settle(0.0)
+    disk.free.clear()
+    for now in (1.0, 2.0):
+        keeper.keep(checkpoint(now))
+        assert not keeper.settle(0.0)
+    disk.free.set()
+    assert keeper.settle(60.0)
+    assert store.newest == disk.tried
+    keeper.close()
+    store.close()
+    assert kept(tmp_path)[0] == 2.0
+
+
 @pytest.mark.parametrize(
     "error", [OSError(28, "No space left on device"), MemoryError("no room"), RecursionError("too deep")]
 )
