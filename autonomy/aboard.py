@@ -5,13 +5,14 @@ from collections import deque
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autonomy.mavlink.authority import OnBoard
-from autonomy.mavlink.mission import Mission, missions_equal
+from autonomy.mavlink.mission_items import Mission, missions_equal
 from autonomy.mavlink.vehicle import VehicleState
 
 FIRST_COMPARISON_S = 2.0
 """A length that does not fit is held against what is on board again after this, doubled each time it does not help."""
 
 LONGEST_COMPARISON_S = 600.0
+"""It is not doubled beyond this."""
 
 _REMEMBERED_INTERRUPTED = 8
 
@@ -55,8 +56,15 @@ class Aboard:
         """Whether a mission that was verified may still be on board, as far as that is known without reading it."""
         return not self._interrupted and _fits(_total_of(vehicle), mission)
 
-    def is_to_be_read(self, now: float, vehicle: VehicleState) -> bool:
-        """Whether the vehicle tells of another length than the one known; ever more rarely if that stays so."""
+    def forget(self) -> None:
+        """What is on board is not known any more."""
+        self.mission = None
+
+    def differs(self, now: float, vehicle: VehicleState) -> bool:
+        """Take in what the vehicle tells; whether that is another length than the one known, and news.
+
+        Ever more rarely if it stays so.
+        """
         if self.mission is None:
             return False
         told = _total_of(vehicle)

@@ -117,9 +117,9 @@ class Core:
         return called
 
     @property
-    def upload(self) -> object | None:
-        """The transfer of a mission that is under way, whichever it is; None without one."""
-        return self._helm.dispatch.transfer
+    def conversation(self) -> object | None:
+        """The conversation about the mission on board that goes on, whichever it is; None without one."""
+        return self._helm.dispatch.conversation
 
     @property
     def milestones(self) -> int:
@@ -148,7 +148,7 @@ class Core:
     @property
     def position_m(self) -> FloatArray | None:
         """Where the vessel was last, shape (2,), local metres."""
-        return self._helm.passage.position_m
+        return self._helm.headway.position_m
 
     def checkpoint(self) -> Memory:
         """All that is known, to be called between two events: cheap, and safe to encode in another thread."""
@@ -283,7 +283,7 @@ class Core:
                 self._replanning.want(Trigger.FENCE)
                 if self._seaway.problem is not None:
                     self._reporter.log(Level.ERROR, self._seaway.problem)
-        stall = self._helm.passage.take_stall()
+        stall = self._helm.headway.take_stall()
         if stall is not None:
             lasts_s = self._seaway.give_up(time_s, stall.point_m, stall.waypoint_m)
             lat_deg, lon_deg = self._survey.frame.to_geodetic(stall.waypoint_m)
@@ -303,7 +303,7 @@ class Core:
             self._send(self._helm.warn(f"halocline: {alarm.text}", critical=alarm.is_critical))
             if not self._replanning.is_due:
                 self._replanning.want(Trigger.LAND)
-        if authority.waits_on_board and self._helm.passage.is_sure and self._course.begins_across_land(now):
+        if authority.waits_on_board and self._helm.headway.is_sure and self._course.begins_across_land(now):
             authority.ask_for_another()
             text = "land lies before waypoint 1 of the mission on board"
             self._reporter.log(Level.WARNING, f"{text}: another is made from where the boat is now")
@@ -314,20 +314,20 @@ class Core:
 
     def _watch_budget(self, now: float) -> None:
         """Mind what distance, time and energy are left; turn the vessel homeward when they ask for it."""
-        helm, passage, homeward = self._helm, self._helm.passage, self._homeward
+        helm, headway, homeward = self._helm, self._helm.headway, self._homeward
         vehicle, active = helm.state, helm.dispatch.active
-        if not homeward.is_minded or vehicle is None or passage.position_m is None:
+        if not homeward.is_minded or vehicle is None or headway.position_m is None:
             return
         homeward.told_home(
             None if vehicle.home_deg is None else self._survey.frame.to_local(*vehicle.home_deg)
         )
-        is_sailing = passage.sailing_ours and not passage.path_finished
-        reading = Reading.of(vehicle, passage.position_m, passage.distance_m, is_sailing=is_sailing)
+        is_sailing = headway.sailing_ours and not headway.path_finished
+        reading = Reading.of(vehicle, headway.position_m, headway.distance_m, is_sailing=is_sailing)
         homeward.follow(reading, armed=vehicle.armed, commanded=helm.authority.in_command)
-        damaged = passage.has_damaged_ours
-        if active is not None and (passage.sailing_ours or damaged):
-            route_m = passage.remaining_route_m()
-            self._head_home(now, Sailing(active.plan, route_m, passage.path_finished, damaged))
+        damaged = headway.has_damaged_ours
+        if active is not None and (headway.sailing_ours or damaged):
+            route_m = headway.remaining_route_m()
+            self._head_home(now, Sailing(active.plan, route_m, headway.path_finished, damaged))
         for note in homeward.take_notes():
             self._reporter.log(Level.WARNING if note.is_warning else Level.INFO, note.text)
             if note.is_warning:
@@ -336,7 +336,7 @@ class Core:
     def _head_home(self, now: float, sailing: Sailing) -> None:
         try:
             plan = self._homeward.watch(
-                self._helm.model_time_s, sailing, self._seaway.water, self._helm.passage.pace_mps
+                self._helm.model_time_s, sailing, self._seaway.water, self._helm.headway.pace_mps
             )
         except Unreachable as error:
             self._homeward.cannot(str(error))
@@ -380,6 +380,6 @@ class Core:
             plans=self._plans,
             worker_busy=self._replanning.is_busy,
             in_touch=self._situation.in_touch,
-            distance_m=self._helm.passage.distance_m,
+            distance_m=self._helm.headway.distance_m,
             quality=self._gate.quality.counts,
         )

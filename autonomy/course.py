@@ -87,7 +87,7 @@ class Course:
     def __init__(self, configuration: Configuration, helm: Helm, seaway: Seaway, reporter: Reporter) -> None:
         self._minimum_gain = configuration.planning.minimum_gain
         self._helm = helm
-        self._passage = helm.passage
+        self._headway = helm.headway
         self._seaway = seaway
         self._reporter = reporter
         self._planning_s: dict[bool, float] = {}
@@ -110,8 +110,8 @@ class Course:
         """
         guess_s = max(self._planning_s.values(), default=_FIRST_PLANNING_S)
         delay_s = self._planning_s.get(reestimates, guess_s) + self._upload_s
-        self._departure = self._departure_after(self._passage.reach_m(delay_s))
-        self._begun_at_m = self._passage.distance_m
+        self._departure = self._departure_after(self._headway.reach_m(delay_s))
+        self._begun_at_m = self._headway.distance_m
         return self._departure
 
     def took(self, duration_s: float, *, reestimated: bool) -> None:
@@ -122,14 +122,14 @@ class Course:
     @property
     def sailed_share(self) -> float:
         """What was sailed since the last plan was begun, as a share of the longest plan so far."""
-        return (self._passage.distance_m - self._begun_at_m) / self._longest_m if self._longest_m else 0.0
+        return (self._headway.distance_m - self._begun_at_m) / self._longest_m if self._longest_m else 0.0
 
     def keeps(self, plan: Plan, trigger: Trigger) -> bool:
         """Whether the present plan is as good as the new one but for a small gain; says so."""
         before, after, departure = plan.objective_before, plan.objective_after, self._departure
         if before is None or after is None or trigger not in _FOR_GAIN or departure is None:
             return False
-        if not self._is_sailed(departure) or not len(departure.remainder_m) or self._passage.path_finished:
+        if not self._is_sailed(departure) or not len(departure.remainder_m) or self._headway.path_finished:
             return False
         gain = (before - after) / abs(before) if before else float(before > after)
         if gain >= self._minimum_gain or not self._seaway.is_open(departure.remainder_m):
@@ -144,7 +144,7 @@ class Course:
         Raises:
             Unreachable: there is no way over water to the plan's first corner.
         """
-        here_m, kept_m, is_spot = self._passage.position_m, *self._frozen()
+        here_m, kept_m, is_spot = self._headway.position_m, *self._frozen()
         if here_m is not None and len(kept_m):
             route_m = np.vstack([kept_m, plan.start_m, plan.route_m])
             marks = np.concatenate([is_spot, [False], plan.is_spot])
@@ -161,7 +161,7 @@ class Course:
     def leg(self, reason: str) -> Plan | None:
         """The leg being sailed alone, to be sailed in place of the plan; None if nothing comes after it anyway."""
         rest = self._rest()
-        if rest is None or self._passage.path_finished or len(rest.route_m) < 2:
+        if rest is None or self._headway.path_finished or len(rest.route_m) < 2:
             return None
         return replace(
             rest,
@@ -187,12 +187,12 @@ class Course:
         And a long one is sent in stretches: see that the next comes in time.
         """
         self._time_upload(now)
-        if not self._passage.sailing_ours:
+        if not self._headway.sailing_ours:
             self.trouble = None
-        if not self._passage.sailing_ours or self._helm.dispatch.busy or now < self._leg_watch_due:
+        if not self._headway.sailing_ours or self._helm.dispatch.busy or now < self._leg_watch_due:
             return None
         self._leg_watch_due = now + LEG_WATCH_S
-        rest, route_m = self._rest(), self._passage.remaining_route_m()
+        rest, route_m = self._rest(), self._headway.remaining_route_m()
         if rest is None or len(route_m) < 2:
             self.trouble = None
             return None
@@ -209,7 +209,7 @@ class Course:
 
     def begins_across_land(self, now: float) -> bool:
         """Whether the mission on board, which waits for its start, begins across land from where the boat has gone."""
-        active, here_m = self._helm.dispatch.active, self._passage.position_m
+        active, here_m = self._helm.dispatch.active, self._headway.position_m
         if active is None or here_m is None or now < self._start_watch_due:
             return False
         self._start_watch_due = now + START_WATCH_S
@@ -226,7 +226,7 @@ class Course:
         if not len(rest.route_m):
             return None  # another plan is being made
         try:
-            self.offer(now, self._seaway.joined(rest, self._passage.position_m))
+            self.offer(now, self._seaway.joined(rest, self._headway.position_m))
         except Unreachable as error:
             self._leg_watch_due = now + LEG_ALARM_S
             text = f"land lies before the vessel, and there is no way round: {error}"
@@ -243,9 +243,9 @@ class Course:
 
     def _departure_after(self, reach_m: float) -> Departure:
         """After sailing on for so many metres."""
-        route_m = self._passage.remaining_route_m()
-        if self._passage.path_finished or len(route_m) < 2:
-            rest = None if self._passage.path_finished else self._rest()
+        route_m = self._headway.remaining_route_m()
+        if self._headway.path_finished or len(route_m) < 2:
+            rest = None if self._headway.path_finished else self._rest()
             corners_m = np.empty((0, 2)) if rest is None else rest.route_m[: rest.survey_corners]
             spots = np.empty(0, dtype=bool) if rest is None else rest.is_spot[: rest.survey_corners]
             return self._within_water(Departure(route_m[0], corners_m, spots, None, 0))
@@ -278,7 +278,7 @@ class Course:
     def _is_sailed(self, departure: Departure) -> bool:
         """Whether the vessel still sails what it sailed when the plan was begun."""
         mission = departure.mission
-        return mission is not None and mission is self._helm.dispatch.active and self._passage.sailing_ours
+        return mission is not None and mission is self._helm.dispatch.active and self._headway.sailing_ours
 
     def _frozen(self) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Corners of the frozen part that still lie before the vessel, and which are spots.
@@ -289,20 +289,20 @@ class Course:
         if departure is None or departure.mission is None or not self._is_sailed(departure):
             return np.empty((0, 2)), np.empty(0, dtype=bool)
         plan = departure.mission.plan
-        route_m = self._passage.remaining_route_m()
+        route_m = self._headway.remaining_route_m()
         first = len(plan.route_m) - len(route_m) + 1
         legs = np.diff(route_m, axis=0)
-        passed_m = self._passage.reach_m(self._upload_s) + self._passage.acceptance_radius_m
+        passed_m = self._headway.reach_m(self._upload_s) + self._headway.acceptance_radius_m
         first += int(np.searchsorted(np.cumsum(np.hypot(legs[:, 0], legs[:, 1])), passed_m))
         rows = slice(first, max(first, departure.row))
         return plan.route_m[rows], np.asarray(plan.is_spot[rows], dtype=bool)
 
     def _rest(self) -> Plan | None:
         """What is left of the active plan, from the corner on that the vessel makes for; None if there is none."""
-        active, here_m = self._helm.dispatch.active, self._passage.position_m
+        active, here_m = self._helm.dispatch.active, self._headway.position_m
         if active is None or here_m is None:
             return None
-        row = self._passage.next_row
+        row = self._headway.next_row
         return replace(
             active.plan, start_m=here_m, route_m=active.plan.route_m[row:], is_spot=active.plan.is_spot[row:]
         )
@@ -312,10 +312,10 @@ class Course:
         active = self._helm.dispatch.active
         if active is None or active.is_whole:
             return False
-        left = len(active.items) - self._passage.next_row
-        corners_m = self._passage.remaining_route_m()[: left + 1]
+        left = len(active.items) - self._headway.next_row
+        corners_m = self._headway.remaining_route_m()[: left + 1]
         left_m = float(np.hypot(*np.diff(corners_m, axis=0).T).sum())
-        return left <= STRETCH_LEAD_ITEMS or left_m <= STRETCH_LEAD_S * self._passage.pace_mps
+        return left <= STRETCH_LEAD_ITEMS or left_m <= STRETCH_LEAD_S * self._headway.pace_mps
 
     def _time_upload(self, now: float) -> None:
         """How long it takes to bring a plan on board."""

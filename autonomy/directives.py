@@ -262,7 +262,7 @@ class Directives:
 
     def _homeless(self) -> str | None:
         """Why there is no way home; None if there is one."""
-        vehicle, here_m = self._helm.state, self._helm.passage.position_m
+        vehicle, here_m = self._helm.state, self._helm.headway.position_m
         if vehicle is None or here_m is None:
             return "nobody knows where the boat is"
         if vehicle.home_deg is not None:

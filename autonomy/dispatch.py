@@ -112,9 +112,9 @@ class MissionDispatch:
         return self._machine is not None
 
     @property
-    def transfer(self) -> MissionTransfer | None:
-        """The transfer of a mission of ours that is under way; None without one."""
-        return self._machine if isinstance(self._machine, MissionTransfer) else None
+    def conversation(self) -> object | None:
+        """The download or transfer under way; None without one."""
+        return self._machine
 
     def permission(self, vehicle: VehicleState) -> Permission:
         """Whether a mission may be uploaded now, and why (not)."""
@@ -152,7 +152,7 @@ class MissionDispatch:
 
     def compare(self, vehicle: VehicleState) -> None:
         """Read the mission on board again if its length is not the one we know; ever more rarely if that stays so."""
-        if self._machine is None and self._aboard.is_to_be_read(self._stepped, vehicle):
+        if self._machine is None and self._aboard.differs(self._stepped, vehicle):
             self._note("the mission on board has changed: reading it")
             self._void()
 
@@ -259,7 +259,8 @@ class MissionDispatch:
     def _void(self) -> None:
         if self._sending is not None:
             self._aboard.interrupted(self._sending.items)
-        self._sending = self._machine = self._aboard.mission = None
+        self._sending = self._machine = None
+        self._aboard.forget()
         self._doubted = False
         self._authority.mission_read(OnBoard.UNREAD)
 
@@ -300,7 +301,7 @@ class MissionDispatch:
             self._verified(sent)
         elif failure.on_board_unknown:
             self._aboard.interrupted(sent.items)
-            self._aboard.mission = None
+            self._aboard.forget()
             self._authority.upload_failed(on_board_unknown=True)
         else:
             self._authority.mission_read(self._known)

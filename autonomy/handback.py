@@ -53,7 +53,7 @@ class Handback:
         if (
             vehicle is None
             or active is None
-            or not helm.passage.is_sure
+            or not helm.headway.is_sure
             or not vehicle.armed
             or vehicle.mode == AUTO
         ):
@@ -68,7 +68,7 @@ class Handback:
         return number if number <= len(active.items) else None
 
     def _is_free(self, number: int) -> bool:
-        here_m, active = self._helm.passage.position_m, self._helm.dispatch.active
+        here_m, active = self._helm.headway.position_m, self._helm.dispatch.active
         assert here_m is not None
         assert active is not None
         return is_free_of_land(here_m, active.plan.route_m[number - 1], self._seaway.water)

@@ -9,6 +9,7 @@ from autonomy.compiler import compile_mission, handling_of
 from autonomy.config import Configuration
 from autonomy.dispatch import Dispatched, MissionDispatch
 from autonomy.geometry import LocalFrame
+from autonomy.headway import Headway
 from autonomy.mavlink.authority import Authority
 from autonomy.mavlink.authority_table import Action
 from autonomy.mavlink.companion import StreamRequests, heartbeat, status_text, wanted_streams
@@ -20,7 +21,6 @@ from autonomy.mavlink.telemetry import Telemetry
 from autonomy.mavlink.vehicle import VehicleState
 from autonomy.notes import AutopilotWords, Note
 from autonomy.orders import Orders
-from autonomy.passage import Passage
 from autonomy.planning.plan import Plan
 
 HEARTBEAT_S = 1.0
@@ -53,7 +53,7 @@ class Helm:
     """Everything said to and heard from the autopilot, above the protocol machines.
 
     What there is to hear is shared out: `telemetry` knows the vehicle, `authority` who commands it, `dispatch` which
-    mission is on board, and `passage` where on it the vessel is.
+    mission is on board, and `headway` where on it the vessel is.
     """
 
     def __init__(self, configuration: Configuration, frame: LocalFrame) -> None:
@@ -63,7 +63,7 @@ class Helm:
         self.telemetry = Telemetry.of(configuration)
         self.authority = _authority(configuration)
         self.dispatch = MissionDispatch(self.authority)
-        self.passage = Passage(configuration, frame, self.telemetry, self.authority, self.dispatch)
+        self.headway = Headway(configuration, frame, self.telemetry, self.authority, self.dispatch)
         self._streams: StreamRequests | None = None
         self._streams_asked = 0.0
         self._heartbeat_due = 0.0
@@ -92,7 +92,7 @@ class Helm:
 
     def offer(self, plan: Plan) -> None:
         """Make this plan the next to bring on board, or its first stretch if it is too long for the autopilot."""
-        items = compile_mission(plan, self._frame, handling_of(self._configuration, self.passage.pace_mps))
+        items = compile_mission(plan, self._frame, handling_of(self._configuration, self.headway.pace_mps))
         self.dispatch.offer(Dispatched(plan, items[: self._configuration.mavlink.mission_items]))
 
     def say(self, text: str) -> list[Any]:
@@ -154,7 +154,7 @@ class Helm:
             self.authority.observe(state)
             if message.get_type() == "MISSION_CURRENT":
                 self.dispatch.compare(state)
-        reached = self.passage.handle(now, message, state, news=state is not before)
+        reached = self.headway.handle(now, message, state, changed=state is not before)
         replies = [] if self._streams is None else self._streams.handle(now, message)
         talking = self.dispatch.talking
         replies += self.dispatch.handle(now, message)

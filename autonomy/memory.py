@@ -58,7 +58,7 @@ SETTINGS: Mapping[str, frozenset[str]] = {
         "autonomy.consumption.MetreCost": "_guess",
         "autonomy.consumption.Meter": "_capacity_j",
         "autonomy.helm.Helm": "_configuration _mavlink _frame",
-        "autonomy.passage.Passage": "_frame",
+        "autonomy.headway.Headway": "_frame",
         "autonomy.pace.Pace": "_usual_mps",
         "autonomy.mavlink.telemetry.Telemetry": "_sensor_name _wanted_system_id _link_timeout_s _handlers "
         "_stamped_by_vehicle",

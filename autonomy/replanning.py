@@ -99,7 +99,7 @@ class Replanning:
         pause_s = JOB_RETRY_S * 2 ** min(self._failed_in_a_row, 5)
         self._failed_in_a_row += 1
         self._not_before = now + pause_s
-        if self._failed_in_a_row >= FAILURES_AT_SEA and self._helm.passage.path_finished:
+        if self._failed_in_a_row >= FAILURES_AT_SEA and self._helm.headway.path_finished:
             self._homeward.give_up()
         self._reporter.log(Level.WARNING, f"{problem}; trying again in {pause_s:.0f} s")
 
@@ -118,7 +118,7 @@ class Replanning:
         helm = self._helm
         if self.is_busy or now < self._not_before or not self._situation.may_upload:
             return None
-        if not helm.passage.is_sure or helm.dispatch.busy:
+        if not helm.headway.is_sure or helm.dispatch.busy:
             return None
         if helm.unread is not None or self._seaway.problem is not None or self._situation.is_lost(now):
             return None
@@ -126,7 +126,7 @@ class Replanning:
             return self._decide_on_the_way_home(now)
         if helm.dispatch.active is None or not helm.authority.survey_started:
             return Decision(Trigger.FIRST_PLAN, False, Trigger.FIRST_PLAN.value)
-        if not helm.passage.sailing_ours:
+        if not helm.headway.sailing_ours:
             return Decision(Trigger.DAMAGED, False, Trigger.DAMAGED.value)
         if self._homeward.has_room:
             return Decision(Trigger.ROOM, False, Trigger.ROOM.value)
@@ -167,7 +167,7 @@ class Replanning:
         configuration, learner = self._configuration, self._learner
         departure = self._course.begin(reestimates=decision.reestimate)
         budget_m, home_m = self._homeward.bounds(
-            self._helm.passage.position_m, departure.start_m, self._seaway.water
+            self._helm.headway.position_m, departure.start_m, self._seaway.water
         )
         return PlanRequest(
             model=learner.model(self._helm.model_time_s),
@@ -182,7 +182,7 @@ class Replanning:
             measured=learner.history.cells() if len(learner.history) else None,
             roughness=learner.roughness.frozen(),
             sample_spacing_m=configuration.sampling.spacing_m,
-            speed_mps=self._helm.passage.pace_mps,
+            speed_mps=self._helm.headway.pace_mps,
             budget_m=budget_m,
             home_m=home_m,
             model_version=learner.samples if learner.born else None,
@@ -195,7 +195,7 @@ class Replanning:
     def _figures(self) -> Figures:
         active = self._helm.dispatch.active
         return replace(
-            figures(self._learner, self._helm.model_time_s, path_finished=self._helm.passage.path_finished),
+            figures(self._learner, self._helm.model_time_s, path_finished=self._helm.headway.path_finished),
             sailed_share=self._course.sailed_share,
             planner="" if active is None else active.plan.planner,
         )
@@ -241,7 +241,7 @@ class Replanning:
         if not self._course.keeps(plan, trigger):
             try:
                 joined = self._course.joined(plan)
-                accepted = self._homeward.fitted(joined, self._helm.passage.position_m, self._seaway.water)
+                accepted = self._homeward.fitted(joined, self._helm.headway.position_m, self._seaway.water)
             except Unreachable as error:
                 self.postpone(now, f"the new plan can't be joined: {error}")
                 return None

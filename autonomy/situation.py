@@ -139,7 +139,7 @@ class Situation:
         if self.wish is Wish.PAUSE:
             sails = (
                 ""
-                if self._helm.passage.path_finished
+                if self._helm.headway.path_finished
                 else ": the boat sails its leg to the end, and stays there"
             )
             return State.PAUSED, f"{Wish.PAUSE.value}{sails}"

@@ -116,8 +116,8 @@ class Wishes:
     def step(self, now: float) -> Plan | None:
         """See that what is wanted is done; returns a plan to bring on board."""
         helm = self._helm
-        if helm.authority.in_command and helm.passage.position_m is not None:
-            self._homeward.begins_at(helm.passage.position_m)
+        if helm.authority.in_command and helm.headway.position_m is not None:
+            self._homeward.begins_at(helm.headway.position_m)
         self._watch_start(now)
         self._watch_going_on(now)
         self._watch_orders(now)
@@ -135,7 +135,7 @@ class Wishes:
         elif self._homeward.reason and not self._homeward.is_sent:
             if wish is not Wish.RETURN:
                 self._end(self._homeward.reason)
-        elif wish is Wish.FINISH and helm.passage.path_finished:
+        elif wish is Wish.FINISH and helm.headway.path_finished:
             self._homeward.send(Wish.FINISH.value)
         elif wish is Wish.PAUSE:
             return self._cut(now)
@@ -205,8 +205,8 @@ class Wishes:
 
     def _cut(self, now: float) -> Plan | None:
         """The leg being sailed, if more than that is on board."""
-        passage = self._helm.passage
-        sails = passage.sailing_ours or passage.has_damaged_ours
+        headway = self._helm.headway
+        sails = headway.sailing_ours or headway.has_damaged_ours
         if self._helm.dispatch.busy or now < self._not_before or not sails:
             return None
         leg = self._course.leg(Wish.PAUSE.value)

@@ -138,7 +138,7 @@ def has_home_item(autopilot: int) -> bool:
     return autopilot == int(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
 
 
-def with_home(items: Sequence[MissionItem], autopilot: int) -> tuple[MissionItem, ...]:
+def with_home(items: Sequence[MissionItem], autopilot: int) -> Mission:
     """`items` as they are uploaded: ArduPilot wants an item 0, whose content it replaces by its own home."""
     if not has_home_item(autopilot):
         return tuple(items)

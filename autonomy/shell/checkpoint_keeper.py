@@ -42,9 +42,10 @@ class Keeper:
         """Have it written, with a number; returns at once."""
         self._latest.put(checkpoint)
 
-    def settle(self, within_s: float) -> bool:
-        """Wait until all are written, or refused; whether they were in time. For any thread."""
-        return self._latest.settle(within_s)
+    @property
+    def is_settled(self) -> bool:
+        """Whether all are written, have given way or were refused."""
+        return self._latest.is_settled
 
     def close(self) -> None:
         """Write what waits, and end."""

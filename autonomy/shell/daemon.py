@@ -106,7 +106,7 @@ class Daemon:
         )
         self._worker = Worker(survey, self._job_finished, self._job_failed, run=job_runner)
         self._journal = journal
-        self._forethought = Forethought(journal, continuity, self._upload, self._send)
+        self._forethought = Forethought(continuity, self._conversation, self._send)
         self._notifier = Notifier(os.environ)
         self._telling = Telling(
             configuration,
@@ -235,7 +235,12 @@ class Daemon:
             return
         loop = asyncio.get_running_loop()
         try:
-            for effect in self._handle(loop.time(), event):
+            effects = self._handle(loop.time(), event)
+            # What is worth remembering is on its way to the disk before it has any consequence.
+            if self._continuity is not None and self._core.milestones != self._milestones:
+                self._milestones = self._core.milestones
+                self._continuity.keep(self._journal)
+            for effect in effects:
                 self._carry_out(effect)
             self._telling.fence(self._core.safeguards)
             due = self._core.next_deadline()
@@ -244,9 +249,6 @@ class Daemon:
             if self._continuity is not None:
                 self._continuity.crashed(self._journal)
             return
-        if self._continuity is not None and self._core.milestones != self._milestones:
-            self._milestones = self._core.milestones
-            self._continuity.keep(self._journal)
         if self._timer is not None:
             self._timer.cancel()
         self._timer = loop.call_at(due, self._happened, DeadlineReached())
@@ -296,9 +298,9 @@ class Daemon:
                 self._journal.sent(packet)
             self._transport.send(packet)
 
-    def _upload(self) -> object | None:
-        """The transfer of a mission under way; none once the run is over."""
-        return None if self._ended is None or self._ended.done() else self._core.upload
+    def _conversation(self) -> object | None:
+        """The one about the mission that goes on; none once the run is over."""
+        return None if self._ended is None or self._ended.done() else self._core.conversation
 
     def _feed_watchdog(self) -> None:
         """Tell the service manager that the loop turns: only a loop that runs its timers feeds it."""

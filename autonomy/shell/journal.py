@@ -165,13 +165,17 @@ class Journal:
             self._changed.wait_for(lambda: not (self._waiting or self._in_hand))
 
     def sync(self, at: Position, within_s: float) -> bool:
-        """Have all before a position of this run put on the disk now; whether it was. For any thread."""
+        """Have all before a position of this run put on the disk now; whether it was. For any thread.
+
+        Not waited for while the disk refuses to record anything.
+        """
         with self._changed:
             self._sync_wanted = True
             self._changed.notify_all()
-            return self._changed.wait_for(
-                lambda: self._store.synced >= at or bool(self._failure), within_s
-            ) and not bool(self._failure)
+            self._changed.wait_for(
+                lambda: self._store.synced >= at or self._failure or self._store.is_refused, within_s
+            )
+            return self._store.synced >= at and not self._failure
 
     def close(self) -> None:
         """Write and sync what is left; nothing is recorded afterwards."""

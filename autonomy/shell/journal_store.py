@@ -134,6 +134,11 @@ class Store:
         return self._refusal or (FULL_DISK if self._room.is_full else "")
 
     @property
+    def is_refused(self) -> bool:
+        """Whether nothing is recorded at present, since the disk takes nothing."""
+        return bool(self._refusal)
+
+    @property
     def total_bytes(self) -> int:
         """Of all files of the journal."""
         return self._room.total_bytes + self._open_bytes

@@ -43,10 +43,11 @@ class Latest(Generic[T]):
             self._waiting = value
             self._changed.notify_all()
 
-    def settle(self, within_s: float) -> bool:
-        """Wait until nothing is left to be worked on; whether it came to that. For any thread."""
+    @property
+    def is_settled(self) -> bool:
+        """Whether nothing waits or is being worked on."""
         with self._changed:
-            return self._changed.wait_for(lambda: self._waiting is None and not self._busy, within_s)
+            return self._waiting is None and not self._busy
 
     def close(self) -> None:
         """Work on what waits, and end."""
@@ -83,4 +84,3 @@ class Latest(Generic[T]):
             self.at_once(value)
             with self._changed:
                 self._busy = False
-                self._changed.notify_all()

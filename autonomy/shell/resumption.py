@@ -135,9 +135,10 @@ class Continuity:
         if present.now - self._began >= HEALTHY_S:
             self._trials.went_well()
 
-    def settle(self, within_s: float) -> bool:
-        """Wait until what `keep` was given is written, or refused; whether it was in time. For any thread."""
-        return self._keeper is None or self._keeper.settle(within_s)
+    @property
+    def is_settled(self) -> bool:
+        """Whether what `keep` has had written is on the disk, or was refused."""
+        return self._keeper is None or self._keeper.is_settled
 
     def handling(self, at: Position | None) -> None:
         """The core is about to be told the record just before `at`; None: it has been."""

@@ -43,7 +43,7 @@ def told(voyage: Any, verb: str, *, settle_s: float = 0.0) -> Answer:
 
 def test_paused_it_ends_its_leg_and_stays_until_resumed(voyage: Any) -> None:
     voyage.advance(40.0)
-    corner = voyage.on_board_m()[voyage.core._helm.passage.next_row]
+    corner = voyage.on_board_m()[voyage.core._helm.headway.next_row]
     answer = told(voyage, "pause")
     assert (answer.outcome, answer.state, answer.mode, answer.armed) == (Outcome.DONE, "paused", "AUTO", True)
     voyage.advance(200.0)

@@ -87,7 +87,7 @@ def test_an_upload_that_dies_half_way_is_read_back_and_sent_again(make_voyage, a
     voyage.stall_upload_after(3)
     voyage.until("mission transfer failed", patience_s=3000.0)
     died = voyage.now
-    assert not voyage.core._helm.passage.sailing_ours
+    assert not voyage.core._helm.headway.sailing_ours
     left = voyage.on_board_m()
     assert left.shape != voyage.plan_m().shape or not np.allclose(left, voyage.plan_m(), atol=0.1)
     assert np.array_equal(left, before) == atomic

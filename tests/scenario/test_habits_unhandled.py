@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy import helm, passage
+from autonomy import headway, helm
 from autonomy.dispatch import MissionDispatch
 from autonomy.mavlink import authority_table, mission_upload, safeguards
 from autonomy.mavlink.authority import Authority, OnBoard
@@ -135,7 +135,7 @@ def nothing_is_restarted(patch: pytest.MonkeyPatch) -> None:
 def the_estimator_is_not_asked(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Telemetry, "_on_ekf", lambda self, now, message: [])
     patch.setattr(VehicleState, "position_ok", property(lambda state: state.lat_deg is not None))
-    patch.setattr(passage, "PATIENT_HEARTBEATS", 0)
+    patch.setattr(headway, "PATIENT_HEARTBEATS", 0)
 
 
 def orders_are_given_once(patch: pytest.MonkeyPatch) -> None:
@@ -252,7 +252,7 @@ TABLE = (
     Unhandled(
         ("deaf_to_set_current",),
         "a look at where the boat really makes for",
-        replaced(passage.Passage, "_doubt", lambda self, waypoint_m: None),
+        replaced(headway.Headway, "_doubt", lambda self, waypoint_m: None),
         habits.test_a_boat_that_does_not_make_for_the_first_waypoint_is_told_again,
         "until=lambda: voyage.autopilot.navigator.current == 1",
         slow=True,

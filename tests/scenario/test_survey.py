@@ -189,7 +189,7 @@ def test_a_signal_variance_that_is_far_too_small_is_mended_long_before_the_path_
     )
     voyage.start()
     voyage.until("times more than the model allows")
-    finished = voyage.core._helm.passage.path_finished
+    finished = voyage.core._helm.headway.path_finished
     voyage.until("re-estimated")
     assert not finished
     h = voyage.core._learner.gp.kernel.hyperparameters

@@ -30,7 +30,7 @@ def plan_of(corners, **fields) -> Plan:
     return Plan(np.array([100.0, 100.0]), corners, np.ones(len(corners), bool), 0.0, "test", "test", **fields)
 
 
-class Passage:
+class Headway:
     """What a course asks of the vessel's way; `position_m` and `next_row` say where it is."""
 
     def __init__(self, dispatch: SimpleNamespace) -> None:
@@ -54,12 +54,12 @@ class Helm:
     def __init__(self, plan: Plan, items: int | None = None) -> None:
         self.offered: list[Plan] = []
         self.dispatch = SimpleNamespace(active=None, busy=False)
-        self.passage = Passage(self.dispatch)
+        self.headway = Headway(self.dispatch)
         self.comes_on_board(plan, items)
 
     def comes_on_board(self, plan: Plan, items: int | None = None) -> None:
         mission = compile_mission(plan, FRAME, Handling(SPEED_MPS, 0.3, 100.0))
-        self.dispatch.active, self.passage.next_row = Dispatched(plan, mission[:items]), 0
+        self.dispatch.active, self.headway.next_row = Dispatched(plan, mission[:items]), 0
 
     def offer(self, plan: Plan) -> None:
         self.offered.append(plan)
@@ -80,7 +80,7 @@ class Sea:
             self.course.took(planning_s, reestimated=reestimated)
 
     def sails_to(self, x: float, y: float, row: int) -> None:
-        self.helm.passage.position_m, self.helm.passage.next_row = np.array([x, y]), row
+        self.helm.headway.position_m, self.helm.headway.next_row = np.array([x, y]), row
 
 
 @pytest.fixture
@@ -109,14 +109,14 @@ def test_plans_with_a_re_estimate_take_their_own_time(sea):
 
 
 def test_a_boat_that_is_not_ours_is_expected_where_it_is(sea):
-    sea.helm.passage.sailing_ours = False
+    sea.helm.headway.sailing_ours = False
     departure = sea.course.begin(reestimates=False)
-    np.testing.assert_array_equal(departure.start_m, sea.helm.passage.position_m)
+    np.testing.assert_array_equal(departure.start_m, sea.helm.headway.position_m)
     assert departure.mission is None
 
 
 def test_a_finished_path_leaves_nothing(sea):
-    sea.helm.passage.path_finished = True
+    sea.helm.headway.path_finished = True
     sea.sails_to(700.0, 900.0, 4)
     assert not len(sea.course.begin(reestimates=False).remainder_m)
 
@@ -135,7 +135,7 @@ def test_the_frozen_corners_ahead_come_before_the_new_plan(sea):
     joined = sea.course.joined(new)
     np.testing.assert_allclose(joined.route_m, [CORNERS[0], (300.0, 200.0), (100.0, 900.0)])
     assert joined.is_spot.tolist() == [True, False, True]
-    np.testing.assert_array_equal(joined.start_m, sea.helm.passage.position_m)
+    np.testing.assert_array_equal(joined.start_m, sea.helm.headway.position_m)
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_land_between_the_boat_and_the_new_plan_is_rounded(sea):
     sea.sails_to(500.0, 300.0, 2)
     joined = sea.course.joined(plan_of([(500.0, 700.0)]))
     assert len(joined.route_m) > 1
-    way = shapely.LineString([sea.helm.passage.position_m, *joined.route_m])
+    way = shapely.LineString([sea.helm.headway.position_m, *joined.route_m])
     assert not way.crosses(ISLAND)
 
 
@@ -231,8 +231,8 @@ def test_who_must_have_a_new_plan_gets_it(trigger):
 
 def test_a_course_that_is_not_sailed_any_more_cannot_be_kept():
     assert gain(1.0, 1.0)[0]
-    assert not gain(1.0, 1.0, prepare=lambda sea: setattr(sea.helm.passage, "sailing_ours", False))[0]
-    assert not gain(1.0, 1.0, prepare=lambda sea: setattr(sea.helm.passage, "path_finished", True))[0]
+    assert not gain(1.0, 1.0, prepare=lambda sea: setattr(sea.helm.headway, "sailing_ours", False))[0]
+    assert not gain(1.0, 1.0, prepare=lambda sea: setattr(sea.helm.headway, "path_finished", True))[0]
     assert not gain(1.0, 1.0, prepare=lambda sea: sea.helm.comes_on_board(plan_of(CORNERS)))[0]
 
 
@@ -261,10 +261,10 @@ def test_what_was_sailed_counts_from_the_last_plan_as_a_share_of_the_longest(sea
     assert sea.course.sailed_share == 0.0
     sea.course.offer(0.0, plan_of([(100.0, 600.0)]))  # 500 m
     sea.course.offer(1.0, plan_of([(100.0, 200.0)]))
-    sea.helm.passage.distance_m = 200.0
+    sea.helm.headway.distance_m = 200.0
     assert sea.course.sailed_share == pytest.approx(0.4)
     sea.course.begin(reestimates=False)
-    sea.helm.passage.distance_m = 300.0
+    sea.helm.headway.distance_m = 300.0
     assert sea.course.sailed_share == pytest.approx(0.2)
 
 
@@ -279,13 +279,13 @@ def test_the_time_of_uploads_is_measured(sea):
 def test_land_on_the_way_to_the_waypoint_is_told_until_the_way_is_clear(sea):
     sea.sails_to(700.0, 500.0, 3)
     assert sea.course.watch(1.0) is None
-    sea.helm.passage.next_row = 0
-    sea.helm.passage.position_m = np.array([900.0, 900.0])  # the first corner lies behind the island
+    sea.helm.headway.next_row = 0
+    sea.helm.headway.position_m = np.array([900.0, 900.0])  # the first corner lies behind the island
     alarm = sea.course.watch(2.0)
     assert (alarm.text, alarm.is_critical) == ("land ahead, goes round it", False)
     assert sea.course.trouble == "land lies before the vessel: the mission goes round it"
     (way,) = sea.helm.offered
-    assert not shapely.LineString([sea.helm.passage.position_m, *way.route_m]).crosses(ISLAND)
+    assert not shapely.LineString([sea.helm.headway.position_m, *way.route_m]).crosses(ISLAND)
     sea.helm.comes_on_board(way)
     assert sea.course.watch(3.0) is None
     assert sea.course.trouble is None
@@ -304,10 +304,10 @@ def test_only_a_boat_that_was_moved_is_asked_whether_its_mission_begins_across_l
     sea.helm.dispatch.active = dataclasses.replace(
         sea.helm.dispatch.active, plan=dataclasses.replace(plan_of(CORNERS), start_m=np.array([880.0, 880.0]))
     )
-    sea.helm.passage.position_m = np.array([900.0, 900.0])
+    sea.helm.headway.position_m = np.array([900.0, 900.0])
     assert not sea.course.begins_across_land(2.0)
-    sea.helm.passage.position_m = np.array([900.0, 960.0])
+    sea.helm.headway.position_m = np.array([900.0, 960.0])
     assert not sea.course.begins_across_land(2.5)  # not yet again
     assert sea.course.begins_across_land(4.0)
-    sea.helm.passage.position_m = np.array([300.0, 900.0])
+    sea.helm.headway.position_m = np.array([300.0, 900.0])
     assert not sea.course.begins_across_land(6.0)

@@ -88,7 +88,7 @@ def test_before_a_vehicle_is_heard_there_are_heartbeats_only(boat):
     assert boat.helm.step(boat.now + 0.5) == []
     assert not boat.helm.is_heard(boat.now)
     with pytest.raises(RuntimeError, match="position"):
-        boat.helm.passage.remaining_route_m()
+        boat.helm.headway.remaining_route_m()
 
 
 def test_another_vehicle_that_is_heard_first_is_not_ours():
@@ -171,10 +171,10 @@ def test_position_and_distance(boat):
     for x in (0.0, 30.0, 30.0, 60.0):
         boat.now += 1.0
         boat.is_at(x, 0.0)
-    np.testing.assert_allclose(boat.helm.passage.position_m, (60.0, 0.0), atol=0.05)
-    assert boat.helm.passage.distance_m == pytest.approx(60.0, abs=0.1)
+    np.testing.assert_allclose(boat.helm.headway.position_m, (60.0, 0.0), atol=0.05)
+    assert boat.helm.headway.distance_m == pytest.approx(60.0, abs=0.1)
     boat.is_at(0.0, 0.0, at_s=boat.now - 2.0)  # a straggler moves nobody
-    np.testing.assert_allclose(boat.helm.passage.position_m, (60.0, 0.0), atol=0.05)
+    np.testing.assert_allclose(boat.helm.headway.position_m, (60.0, 0.0), atol=0.05)
 
 
 def test_a_position_that_the_vehicle_is_not_sure_of_is_none(boat):
@@ -184,12 +184,12 @@ def test_a_position_that_the_vehicle_is_not_sure_of_is_none(boat):
     for _ in range(40):
         boat.now += 1.0
         boat.is_at(30.0, 0.0)
-    np.testing.assert_allclose(boat.helm.passage.position_m, (0.0, 0.0), atol=0.05)
+    np.testing.assert_allclose(boat.helm.headway.position_m, (0.0, 0.0), atol=0.05)
     boat.hear(mavlink.MAVLink_ekf_status_report_message(0x1F, 0, 0, 0, 0, 0))
     boat.now += 1.0
     boat.is_at(40.0, 0.0)
-    np.testing.assert_allclose(boat.helm.passage.position_m, (40.0, 0.0), atol=0.05)
-    assert boat.helm.passage.distance_m == pytest.approx(40.0, abs=0.1)
+    np.testing.assert_allclose(boat.helm.headway.position_m, (40.0, 0.0), atol=0.05)
+    assert boat.helm.headway.distance_m == pytest.approx(40.0, abs=0.1)
 
 
 @pytest.mark.parametrize("fixes", [1, 2, 4])
@@ -203,11 +203,11 @@ def test_a_jump_that_no_boat_can_make_is_left_out(boat, fixes):
                 round(1000 * boat.now), -335000000, 615000000, 0, 0, 0, 0, 0, 0
             )
         )
-        np.testing.assert_allclose(boat.helm.passage.position_m, (0.0, 0.0), atol=0.05)
+        np.testing.assert_allclose(boat.helm.headway.position_m, (0.0, 0.0), atol=0.05)
     boat.now += 1.0
     boat.is_at(10.0, 0.0)
-    np.testing.assert_allclose(boat.helm.passage.position_m, (10.0, 0.0), atol=0.05)
-    assert boat.helm.passage.distance_m == pytest.approx(10.0, abs=0.1)
+    np.testing.assert_allclose(boat.helm.headway.position_m, (10.0, 0.0), atol=0.05)
+    assert boat.helm.headway.distance_m == pytest.approx(10.0, abs=0.1)
 
 
 def test_a_jump_that_persists_is_believed_and_is_no_distance(boat):
@@ -216,8 +216,8 @@ def test_a_jump_that_persists_is_believed_and_is_no_distance(boat):
     for step in range(12):
         boat.now += 1.0
         boat.is_at(2.0 * step, 0.0)
-    np.testing.assert_allclose(boat.helm.passage.position_m, (22.0, 0.0), atol=0.05)
-    assert boat.helm.passage.distance_m == pytest.approx(12.0, abs=0.1)
+    np.testing.assert_allclose(boat.helm.headway.position_m, (22.0, 0.0), atol=0.05)
+    assert boat.helm.headway.distance_m == pytest.approx(12.0, abs=0.1)
 
 
 def test_jumps_that_agree_on_nothing_are_never_believed(boat):
@@ -226,7 +226,7 @@ def test_jumps_that_agree_on_nothing_are_never_believed(boat):
     for step in range(40):
         boat.now += 1.0
         boat.is_at(20_000.0 * (-1) ** step, 0.0)
-    np.testing.assert_allclose(boat.helm.passage.position_m, (0.0, 0.0), atol=0.05)
+    np.testing.assert_allclose(boat.helm.headway.position_m, (0.0, 0.0), atol=0.05)
 
 
 def test_messages_that_tell_nothing_are_no_news(boat):
@@ -239,28 +239,28 @@ def test_messages_that_tell_nothing_are_no_news(boat):
 
 def test_the_rest_of_the_way(boat):
     boat.sails()
-    assert boat.helm.passage.sailing_ours
-    np.testing.assert_allclose(boat.helm.passage.remaining_route_m(), [(0, 0), *CORNERS], atol=0.05)
+    assert boat.helm.headway.sailing_ours
+    np.testing.assert_allclose(boat.helm.headway.remaining_route_m(), [(0, 0), *CORNERS], atol=0.05)
     boat.tells_current(2)
-    np.testing.assert_allclose(boat.helm.passage.remaining_route_m(), [(0, 0), *CORNERS[1:]], atol=0.05)
+    np.testing.assert_allclose(boat.helm.headway.remaining_route_m(), [(0, 0), *CORNERS[1:]], atol=0.05)
     boat.beats(HOLD)
-    np.testing.assert_allclose(boat.helm.passage.remaining_route_m(), [(0, 0)], atol=0.05)
+    np.testing.assert_allclose(boat.helm.headway.remaining_route_m(), [(0, 0)], atol=0.05)
 
 
 def test_how_far_the_boat_gets_meanwhile(boat):
     boat.sails()
-    assert boat.helm.passage.reach_m(25.0) == pytest.approx(50.0, abs=0.1)
+    assert boat.helm.headway.reach_m(25.0) == pytest.approx(50.0, abs=0.1)
 
 
 def test_the_next_corner_is_the_one_after_those_reached(boat):
-    assert boat.helm.passage.next_row == 0
+    assert boat.helm.headway.next_row == 0
     boat.sails()
-    assert boat.helm.passage.next_row == 0
+    assert boat.helm.headway.next_row == 0
     boat.tells_current(2)
     boat.reaches(2)  # MISSION_CURRENT 3 is still to come
-    assert boat.helm.passage.next_row == 2
+    assert boat.helm.headway.next_row == 2
     boat.beats(HOLD)
-    assert boat.helm.passage.next_row == 2
+    assert boat.helm.headway.next_row == 2
 
 
 def ask(boat):
@@ -339,12 +339,12 @@ def test_a_mission_begun_anew_lies_before_the_boat_again(boat):
         boat.tells_current(seq)
         boat.reaches(seq)
     boat.tells_current(3)
-    assert boat.helm.passage.next_row == 2
+    assert boat.helm.headway.next_row == 2
     boat.tells_current(1)
-    assert boat.helm.passage.next_row == 0
+    assert boat.helm.headway.next_row == 0
     boat.reaches(1)
     boat.tells_current(2)
-    assert boat.helm.passage.next_row == 1
+    assert boat.helm.headway.next_row == 1
 
 
 def test_a_waypoint_that_is_named_again_after_it_was_reached_is_sailed_to(boat):
@@ -352,9 +352,9 @@ def test_a_waypoint_that_is_named_again_after_it_was_reached_is_sailed_to(boat):
     boat.tells_current(2)
     boat.reaches(2)
     boat.tells_current(2)  # overtaken on the way
-    assert boat.helm.passage.next_row == 2
+    assert boat.helm.headway.next_row == 2
     boat.tells_current(2)
-    assert boat.helm.passage.next_row == 1
+    assert boat.helm.headway.next_row == 1
 
 
 @pytest.mark.parametrize("state", [mavlink.MISSION_STATE_UNKNOWN, mavlink.MISSION_STATE_COMPLETE])
@@ -365,32 +365,32 @@ def test_the_last_waypoint_stays_the_current_one_and_reached(boat, state):
         boat.reaches(seq)
     for _ in range(5):
         boat.tells_current(3, state)
-    assert boat.helm.passage.next_row == 3
-    assert boat.helm.passage.path_finished
+    assert boat.helm.headway.next_row == 3
+    assert boat.helm.headway.path_finished
 
 
 def test_the_pace_is_measured_under_way(boat):
     boat.sails()
-    usual_mps = boat.helm.passage.pace_mps
+    usual_mps = boat.helm.headway.pace_mps
     for second in range(60):
         boat.is_at(3.0 * second, 0.0, speed_mps=3.0, at_s=boat.now + second)
-    assert usual_mps < boat.helm.passage.pace_mps < 3.0
-    assert boat.helm.passage.pace_mps == pytest.approx(3.0, abs=0.3)
-    pace_mps = boat.helm.passage.pace_mps
+    assert usual_mps < boat.helm.headway.pace_mps < 3.0
+    assert boat.helm.headway.pace_mps == pytest.approx(3.0, abs=0.3)
+    pace_mps = boat.helm.headway.pace_mps
     boat.beats(HOLD)
     for second in range(60, 120):
         boat.is_at(180.0, 0.0, speed_mps=0.0, at_s=boat.now + second)
-    assert boat.helm.passage.pace_mps == pace_mps
+    assert boat.helm.headway.pace_mps == pace_mps
 
 
 def test_the_path_is_finished_with_its_last_waypoint(boat):
     boat.sails()
     for seq in (1, 2):
         boat.reaches(seq)
-        assert not boat.helm.passage.path_finished
+        assert not boat.helm.headway.path_finished
         boat.tells_current(seq + 1)
     boat.reaches(3)
-    assert boat.helm.passage.path_finished
+    assert boat.helm.headway.path_finished
 
 
 @pytest.mark.parametrize("state", [mavlink.MISSION_STATE_UNKNOWN, mavlink.MISSION_STATE_ACTIVE])
@@ -399,12 +399,12 @@ def test_the_last_waypoint_counts_though_the_message_before_it_was_lost(boat, st
     boat.tells_current(2, state)
     boat.reaches(2)
     boat.reaches(3)  # MISSION_CURRENT 3 was lost
-    assert not boat.helm.passage.path_finished
+    assert not boat.helm.headway.path_finished
     boat.tells_current(2, state)  # overtaken on the way
     boat.tells_current(3, state)
-    assert not boat.helm.passage.path_finished
+    assert not boat.helm.headway.path_finished
     boat.tells_current(3, state)
-    assert boat.helm.passage.path_finished
+    assert boat.helm.headway.path_finished
 
 
 def test_a_number_of_the_last_mission_is_not_kept_for_the_next(boat):
@@ -412,50 +412,50 @@ def test_a_number_of_the_last_mission_is_not_kept_for_the_next(boat):
     boat.reaches(3)
     for seq in (1, 1, 2, 3, 3):
         boat.tells_current(seq)
-    assert not boat.helm.passage.path_finished
+    assert not boat.helm.headway.path_finished
     boat.reaches(4)
     boat.helm.dispatch._verified(Dispatched(boat.helm.dispatch.active.plan, boat.helm.dispatch.active.items))
     boat.tells_current(4)
     boat.tells_current(4)
-    assert not boat.helm.passage.path_finished
+    assert not boat.helm.headway.path_finished
 
 
 def test_stragglers_of_the_last_mission_finish_nothing(boat):
     boat.sails()
     boat.reaches(3)
     boat.tells_current(3, mavlink.MISSION_STATE_COMPLETE)
-    assert not boat.helm.passage.path_finished
+    assert not boat.helm.headway.path_finished
     boat.tells_current(1)
     boat.tells_current(3)
-    assert not boat.helm.passage.path_finished
+    assert not boat.helm.headway.path_finished
 
 
 def test_the_path_is_finished_when_the_vehicle_says_so(boat):
     boat.sails()
     boat.tells_current(3)
-    assert not boat.helm.passage.path_finished
+    assert not boat.helm.headway.path_finished
     boat.tells_current(3, mavlink.MISSION_STATE_COMPLETE)
     boat.tells_current(3, mavlink.MISSION_STATE_COMPLETE)
-    assert boat.helm.passage.path_finished
+    assert boat.helm.headway.path_finished
 
 
 def test_no_path_is_finished_while_another_is_on_its_way_or_somebody_else_sails(boat):
     boat.sails().sails_to_the_end()
     boat.helm.offer(boat.helm.dispatch.active.plan)
-    assert not boat.helm.passage.path_finished
+    assert not boat.helm.headway.path_finished
     boat.helm.dispatch._waiting = None
-    assert boat.helm.passage.path_finished
+    assert boat.helm.headway.path_finished
     boat.beats(HOLD)
-    assert not boat.helm.passage.path_finished
+    assert not boat.helm.headway.path_finished
 
 
 def test_what_was_reached_belongs_to_the_mission_that_was_on_board(boat):
     boat.sails().sails_to_the_end()
     boat.helm.dispatch._verified(boat.helm.dispatch.active)
-    assert not boat.helm.passage.path_finished
+    assert not boat.helm.headway.path_finished
 
 
 def test_another_length_makes_us_read_the_mission(boat):
     boat.sails().tells_current(1, total=9)
     assert boat.helm.authority.on_board is OnBoard.UNREAD
-    assert not boat.helm.passage.sailing_ours
+    assert not boat.helm.headway.sailing_ours

@@ -64,7 +64,7 @@ def test_no_setting_is_remembered(sections: dict[str, Any]) -> None:
     differ = {path for path in before.keys() | after.keys() if before.get(path) != after.get(path)}
     # See Core.restore; and what was collected at one lag goes on at it.
     lag = {f"core._course._reporter._learner.roughness.{name}" for name in ("_steps", "_track", "_reach_m")}
-    assert differ <= {"core._course._helm.authority.command", *lag}
+    assert differ <= {"core._course._headway._authority.command", *lag}
 
 
 def test_what_can_not_be_remembered_is_told() -> None:

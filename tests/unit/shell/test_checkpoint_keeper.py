@@ -90,20 +90,26 @@ def test_where_one_gave_way_the_older_of_two_generations_is_replaced(tmp_path: P
     assert kept(tmp_path) == [3.0, 1.0]
 
 
-def test_all_are_settled_when_the_last_is_written(tmp_path: Path, disk: Disk) -> None:
+def test_all_are_settled_when_the_last_is_written_or_refused(tmp_path: Path, disk: Disk) -> None:
     store = Store(tmp_path)
     keeper = Keeper(store)
-    assert keeper.settle(0.0)
+    assert keeper.is_settled
     disk.free.clear()
-    for now in (1.0, 2.0):
-        keeper.keep(checkpoint(now))
-        assert not keeper.settle(0.0)
+    keeper.keep(checkpoint(1.0))
+    assert not keeper.is_settled
+    disk.asked.acquire()  # taken, and not written
+    assert not keeper.is_settled
+    keeper.keep(checkpoint(2.0))
+    assert not keeper.is_settled
     disk.free.set()
-    assert keeper.settle(60.0)
-    assert store.newest == disk.tried
+    wait_until(lambda: keeper.is_settled)
+    assert store.newest == 2
+    disk.error = OSError(5, "Input/output error")
+    keeper.keep(checkpoint(3.0))
+    wait_until(lambda: keeper.is_settled)
+    assert keeper.trouble
     keeper.close()
     store.close()
-    assert kept(tmp_path)[0] == 2.0
 
 
 @pytest.mark.parametrize(

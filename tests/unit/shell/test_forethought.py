@@ -1,190 +1,170 @@
-"""What an upload begins with waits for the disk, and for nothing else."""
+"""What a conversation about the mission begins with waits for the checkpoints, and for nothing else."""
 
 import asyncio
-import threading
+from collections.abc import Callable, Coroutine
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autonomy.shell.forethought import Forethought
+from autonomy.shell.forethought import PATIENCE_S, Forethought
 
-DEADLINE_S = 30.0
-
-
-def count(items: int = 20) -> Any:
-    return mavlink.MAVLink_mission_count_message(1, 1, items)
+Scenario = Callable[[], Coroutine[Any, Any, None]]
 
 
-class Disk:
-    """A journal, or checkpoints, on a disk that takes its time: `gives_in` says which wait is over."""
+class HurriedLoop(asyncio.SelectorEventLoop):
+    """Its clock jumps to the next deadline instead of waiting for it."""
 
     def __init__(self) -> None:
-        self.position = 1
-        self.waits: list[tuple[Any, threading.Event]] = []
+        super().__init__()
+        self._now = 0.0
 
-    def sync(self, position: int, within_s: float) -> bool:
-        return self._wait(position)
+    def time(self) -> float:
+        return self._now
 
-    def settle(self, within_s: float) -> bool:
-        return self._wait("checkpoint")
+    def _run_once(self) -> None:
+        if not self._ready and self._scheduled:  # type: ignore[attr-defined]
+            self._now = max(self._now, self._scheduled[0].when())  # type: ignore[attr-defined]
+        super()._run_once()  # type: ignore[misc]
 
-    def _wait(self, what: Any) -> bool:
-        over = threading.Event()
-        self.waits.append((what, over))
-        return over.wait(DEADLINE_S)
 
-    def gives_in(self, number: int) -> None:
-        self.waits[number][1].set()
+def run(scenario: Scenario) -> None:
+    with asyncio.Runner(loop_factory=HurriedLoop) as runner:
+        runner.run(scenario())
+
+
+def count(mission_type: int = mavlink.MAV_MISSION_TYPE_MISSION) -> Any:
+    return mavlink.MAVLink_mission_count_message(1, 1, 20, mission_type)
+
+
+def request_list(mission_type: int = mavlink.MAV_MISSION_TYPE_MISSION) -> Any:
+    return mavlink.MAVLink_mission_request_list_message(1, 1, mission_type)
 
 
 class Bench:
-    """Forethought, the transfer that is under way, and what has gone out."""
+    """Forethought, checkpoints that are on the disk or not yet, the conversation that goes on, what has gone out."""
 
-    def __init__(self, journal: Disk | None, continuity: Disk | None = None) -> None:
-        self.upload: object | None = None
+    def __init__(self) -> None:
+        self.checkpoints = SimpleNamespace(is_settled=True)
+        self.conversation: object | None = None
         self.sent: list[Any] = []
-        self.subject = Forethought(
-            journal,  # type: ignore[arg-type]
-            continuity,  # type: ignore[arg-type]
-            lambda: self.upload,
-            self.sent.append,
-        )
+        self.subject = Forethought(self.checkpoints, lambda: self.conversation, self.sent.append)  # type: ignore[arg-type]
 
-    def begins(self) -> Any:
-        """Another upload; its first word."""
-        self.upload = SimpleNamespace()
-        return self.says(count())
+    def begins(self, first_word: Any) -> Any:
+        """Another conversation."""
+        self.conversation = SimpleNamespace()
+        return self.says(first_word)
 
     def says(self, message: Any) -> Any:
         self.subject.send(message)
         return message
 
 
-async def until(condition: Any) -> None:
-    async def poll() -> None:
-        while not condition():
-            await asyncio.sleep(0.001)
-
-    await asyncio.wait_for(poll(), DEADLINE_S)
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
 
 
-async def settled() -> None:
-    """All threads that were let go have told the loop."""
-    await asyncio.get_running_loop().shutdown_default_executor()
-    await asyncio.sleep(0)
-
-
-def run(scenario: Any) -> None:
-    asyncio.run(asyncio.wait_for(scenario(), DEADLINE_S))
-
-
-def test_an_upload_begins_when_the_journal_has_its_plan() -> None:
+@pytest.mark.parametrize("first_word", [count, request_list])
+def test_a_conversation_begins_when_the_disk_has_the_plan(
+    bench: Bench, first_word: Callable[[], Any]
+) -> None:
     async def scenario() -> None:
-        disk = Disk()
-        bench = Bench(disk)
-        first = bench.begins()
-        await until(lambda: disk.waits)
+        bench.checkpoints.is_settled = False
+        first = bench.begins(first_word())
+        await asyncio.sleep(0.9 * PATIENCE_S)
         assert bench.sent == []
-        disk.gives_in(0)
-        await until(lambda: bench.sent)
+        bench.checkpoints.is_settled = True
+        await asyncio.sleep(0.05 * PATIENCE_S)
         assert bench.sent == [first]
-        assert [what for what, _ in disk.waits] == [1]
+        # Said again in the same conversation: what is being written by now is no plan of its.
+        bench.checkpoints.is_settled = False
+        assert bench.says(first_word()) is bench.sent[-1]
 
     run(scenario)
 
 
-def test_nothing_else_waits() -> None:
-    async def scenario() -> None:
-        disk = Disk()
-        bench = Bench(disk)
-        first = bench.begins()
-        item = bench.says(mavlink.MAVLink_mission_item_int_message(1, 1, 0, 3, 16, 0, 1, 0, 5, 0, 0, 1, 1, 0))
-        assert bench.sent == [item]
-        await until(lambda: disk.waits)
-        disk.gives_in(0)
-        await until(lambda: len(bench.sent) == 2)
-        # Begun anew in the same transfer: the disk has its plan.
-        again = bench.says(count())
-        assert bench.sent == [item, first, again]
-        bench.upload = None
-        alone = bench.says(count())
-        assert bench.sent[-1] is alone
-
-    run(scenario)
+@pytest.mark.parametrize(
+    "message",
+    [
+        mavlink.MAVLink_mission_item_int_message(1, 1, 0, 3, 16, 0, 1, 0, 5, 0, 0, 1, 1, 0),
+        mavlink.MAVLink_mission_ack_message(1, 1, 0),
+        count(mavlink.MAV_MISSION_TYPE_FENCE),
+        request_list(mavlink.MAV_MISSION_TYPE_RALLY),
+    ],
+)
+def test_nothing_else_waits(bench: Bench, message: Any) -> None:
+    bench.checkpoints.is_settled = False
+    bench.conversation = SimpleNamespace()
+    bench.says(message)
+    assert bench.sent == [message]
 
 
-def test_words_said_again_meanwhile_are_said_once() -> None:
-    async def scenario() -> None:
-        disk = Disk()
-        bench = Bench(disk)
-        bench.begins()
-        again = bench.says(count())
-        await until(lambda: disk.waits)
-        disk.gives_in(0)
-        await until(lambda: bench.sent)
-        await settled()
-        assert len(bench.sent) == 1
-        assert bench.sent[0] is again
-        assert len(disk.waits) == 1
-
-    run(scenario)
-
-
-@pytest.mark.parametrize("released_first", [0, 1])
-def test_another_upload_waits_for_its_own_plan(released_first: int) -> None:
-    async def scenario() -> None:
-        disk = Disk()
-        bench = Bench(disk)
-        bench.begins()
-        await until(lambda: len(disk.waits) == 1)
-        disk.position = 2
-        second = bench.begins()
-        await until(lambda: len(disk.waits) == 2)
-        disk.gives_in(released_first)
-        if released_first == 0:
-            assert bench.sent == []
-        disk.gives_in(1 - released_first)
-        await until(lambda: bench.sent)
-        await settled()
-        assert len(bench.sent) == 1
-        assert bench.sent[0] is second
-        assert [what for what, _ in disk.waits] == [1, 2]
-
-    run(scenario)
-
-
-def test_who_takes_the_boat_meanwhile_hears_no_more_of_it() -> None:
-    async def scenario() -> None:
-        disk = Disk()
-        bench = Bench(disk)
-        bench.begins()
-        await until(lambda: disk.waits)
-        bench.upload = None
-        disk.gives_in(0)
-        await settled()
-        assert bench.sent == []
-
-    run(scenario)
-
-
-def test_without_a_journal_the_checkpoint_must_do() -> None:
-    async def scenario() -> None:
-        disk = Disk()
-        bench = Bench(None, disk)
-        first = bench.begins()
-        await until(lambda: disk.waits)
-        assert bench.sent == []
-        disk.gives_in(0)
-        await until(lambda: bench.sent)
-        assert bench.sent == [first]
-        assert [what for what, _ in disk.waits] == ["checkpoint"]
-
-    run(scenario)
+def test_where_all_is_written_nothing_waits(bench: Bench) -> None:
+    first = bench.begins(count())
+    assert bench.sent == [first]
 
 
 def test_where_nothing_is_kept_nothing_waits() -> None:
-    bench = Bench(None)
-    first = bench.begins()
-    assert bench.sent == [first]
+    sent: list[Any] = []
+    Forethought(None, SimpleNamespace, sent.append).send(count())
+    assert len(sent) == 1
+
+
+def test_words_said_again_meanwhile_are_said_once(bench: Bench) -> None:
+    async def scenario() -> None:
+        bench.checkpoints.is_settled = False
+        bench.begins(count())
+        await asyncio.sleep(0.5 * PATIENCE_S)
+        again = bench.says(count())
+        bench.checkpoints.is_settled = True
+        await asyncio.sleep(2.0 * PATIENCE_S)
+        assert len(bench.sent) == 1
+        assert bench.sent[0] is again
+
+    run(scenario)
+
+
+def test_of_two_conversations_only_the_one_that_goes_on_is_begun(bench: Bench) -> None:
+    async def scenario() -> None:
+        bench.checkpoints.is_settled = False
+        bench.begins(count())
+        await asyncio.sleep(0.5 * PATIENCE_S)
+        second = bench.begins(count())
+        await asyncio.sleep(0.9 * PATIENCE_S)  # the first one's patience is over
+        assert bench.sent == []
+        bench.checkpoints.is_settled = True
+        await asyncio.sleep(2.0 * PATIENCE_S)
+        assert len(bench.sent) == 1
+        assert bench.sent[0] is second
+
+    run(scenario)
+
+
+def test_who_takes_the_boat_meanwhile_hears_no_more_of_it(bench: Bench) -> None:
+    async def scenario() -> None:
+        bench.checkpoints.is_settled = False
+        bench.begins(count())
+        await asyncio.sleep(0.5 * PATIENCE_S)
+        bench.conversation = None
+        bench.checkpoints.is_settled = True
+        await asyncio.sleep(2.0 * PATIENCE_S)
+        assert bench.sent == []
+
+    run(scenario)
+
+
+def test_a_disk_that_takes_nothing_holds_nothing_up_for_ever(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def scenario() -> None:
+        bench.checkpoints.is_settled = False
+        first = bench.begins(count())
+        await asyncio.sleep(0.99 * PATIENCE_S)
+        assert bench.sent == []
+        await asyncio.sleep(0.02 * PATIENCE_S)
+        assert bench.sent == [first]
+        assert "the disk has not taken the newest plan in 3 s" in caplog.text
+
+    run(scenario)

@@ -525,6 +525,23 @@ def test_a_sync_that_fails_is_trouble(tmp_path: Path, header, monkeypatch: pytes
     store.close()
 
 
+def test_a_disk_that_refuses_is_not_waited_for(
+    tmp_path: Path, header, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A checkpoint would have to wait as long; an hour here, which ends the test."""
+    journal = Journal(Store(tmp_path, LARGE, header), sync_s=1e9)
+    journal.event(1.0, DeadlineReached())
+
+    def failing(descriptor: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fsync", failing)
+    assert not journal.sync(journal.position, 3600.0), "it fails"
+    assert not journal.sync(journal.position, 3600.0), "it has failed"
+    monkeypatch.undo()
+    journal.close()
+
+
 def test_a_file_given_up_is_synced_first(tmp_path: Path, header, monkeypatch: pytest.MonkeyPatch) -> None:
     """The next file's sync says that all before it is on the disk; so what the last one holds has to be."""
     lengths: dict[int, int] = {}

@@ -10,7 +10,7 @@ from autonomy.config import Configuration
 from autonomy.dispatch import MissionDispatch
 from autonomy.geometry import FloatArray, LocalFrame
 from autonomy.mavlink.authority import Authority, OnBoard
-from autonomy.mavlink.mission import MissionItem
+from autonomy.mavlink.mission_items import MissionItem
 from autonomy.mavlink.telemetry import Telemetry
 from autonomy.mavlink.vehicle import VehicleState
 from autonomy.pace import Pace
@@ -40,10 +40,10 @@ class Stall:
     waypoint_m: FloatArray
 
 
-class Passage:
+class Headway:
     """Follows the vessel along the mission that `dispatch` brought on board.
 
-    Theory of operation. Each message that tells anything new of the vehicle is held against the mission verified on
+    Theory of operation. What the vehicle tells of its way is held against the mission verified on
     board: positions say whether the boat gets on (`take_stall`) and makes for the first waypoint of a mission made
     current, MISSION_CURRENT and MISSION_ITEM_REACHED how far it has got, and all that tells of its way whether it
     sails ours at all. Where it does not seem to, `dispatch` is asked to read, or to make current again.
@@ -156,16 +156,16 @@ class Passage:
         stall, self._stall = self._stall, None
         return stall
 
-    def handle(self, now: float, message: Any, state: VehicleState, *, news: bool) -> bool:
-        """Take in what made the vehicle's state what it is, if that is any `news`; whether a waypoint was reached."""
+    def handle(self, now: float, message: Any, state: VehicleState, *, changed: bool) -> bool:
+        """Take in a message, and whether it has changed the vehicle's state; returns whether a waypoint was reached."""
         kind = message.get_type()
-        if news and kind == "GLOBAL_POSITION_INT" and state.position_ok and state.model_time_s is not None:
+        if changed and kind == "GLOBAL_POSITION_INT" and state.position_ok and state.model_time_s is not None:
             assert state.lat_deg is not None
             assert state.lon_deg is not None
             self._track.follow(state.model_time_s, self._frame.to_local(state.lat_deg, state.lon_deg))
             self._watch(state.model_time_s, state)
         reached = self._telemetry.take_reached()
-        if reached or (kind == "MISSION_CURRENT" and news):
+        if reached or (kind == "MISSION_CURRENT" and changed):
             self._count_reached(message, state, reached)
         self._witness_mission(now, message, state, reached)
         return bool(reached)
