@@ -13,7 +13,7 @@ import shapely
 from autonomy import wire
 from autonomy.config import Configuration
 from autonomy.core import Core
-from autonomy.effects import Publish, Topic
+from autonomy.effects import Effect, Level, Log, Publish, Topic
 from autonomy.geometry import LocalFrame
 from autonomy.planning.survey import SurveyArea
 from autonomy.shell import telling as module
@@ -83,6 +83,44 @@ def test_a_run_that_cannot_begin_leaves_nothing_behind(daemon: Callable[..., Dae
     with pytest.raises(ZeroDivisionError, match="a bug"):
         asyncio.run(asyncio.wait_for(subject.run(), 30.0))
     assert (past.closed, recording.closed) == ([False], True)
+
+
+def test_what_is_worth_remembering_is_kept_before_it_has_any_consequence(
+    daemon: Callable[..., Daemon], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a plan could be on its way on board, and in no checkpoint that anybody waits for."""
+    done: list[str] = []
+
+    class Past:
+        core, resumed, period_s, is_settled, trouble = daemon()._core, None, 3600.0, True, ""
+
+        def begin(self, journal: object) -> None:
+            """Nothing is gone on from."""
+
+        def handling(self, at: object) -> None:
+            """Nothing is recorded."""
+
+        def keep(self, journal: object) -> None:
+            done.append("kept")
+
+        def close(self, *, in_order: bool) -> None:
+            """Nothing waits."""
+
+    subject = daemon(continuity=Past())
+    handled: list[int] = []
+
+    def handle(now: float, event: object) -> list[Effect]:
+        handled.append(len(handled) + 1)
+        if len(handled) == 3:
+            asyncio.get_running_loop().call_soon(subject._stop)
+        return [Log(Level.DEBUG, "a consequence")]
+
+    monkeypatch.setattr(subject._core, "handle", handle)
+    monkeypatch.setattr(type(subject._core), "milestones", property(lambda _: len(handled)))
+    monkeypatch.setattr(subject, "_carry_out", lambda effect: done.append("carried out"))
+    asyncio.run(asyncio.wait_for(subject.run(), 30.0))
+    assert len(handled) >= 3
+    assert done[: 2 * 3] == ["kept", "carried out"] * 3
 
 
 def health_of(subject: Daemon, monkeypatch: pytest.MonkeyPatch, word: Callable[[Any], str]) -> None:
