@@ -161,7 +161,10 @@ class Core:
         """
         begun = self._helm.authority.command
         restore(memory, self)
-        self._helm.authority.settle(begun)
+        try:
+            self._helm.authority.settle(begun)
+        except (AttributeError, TypeError) as error:
+            raise UnfitMemoryError(f"who has the boat is not in it: {error}") from error
         try:
             fault = self._learner.gp.check() if self._learner.born else None
         except (AttributeError, LookupError, TypeError, ValueError) as error:
