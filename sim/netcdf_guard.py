@@ -34,17 +34,21 @@ class Limits:
     """What reading a file may cost: so much, and so much more for each byte of it.
 
     A sound file is read at some hundred MB/s; compressed, and as numbers of eight bytes, it takes fifty times its size.
+    Of time a small one gets a second at most, five times as long for each MiB as a large one, for slow computers.
     """
 
-    cpu_s: float = 20.0
-    cpu_s_per_mib: float = 0.5
+    cpu_s: float = 0.5
+    cpu_s_per_mib: float = 5.0
+    large_cpu_s: float = 20.0
+    large_cpu_s_per_mib: float = 0.5
     waiting_s: float = 120.0
     memory_mib: float = 64.0
     memory_per_byte: float = 256.0
 
     def seconds(self, size: int) -> float:
-        """Of CPU time."""
-        return self.cpu_s + self.cpu_s_per_mib * size / _MIB
+        """Of CPU time, once all is imported."""
+        mib = size / _MIB
+        return self.cpu_s + min(self.cpu_s_per_mib * mib, self.large_cpu_s + self.large_cpu_s_per_mib * mib)
 
     def memory(self, size: int) -> int:
         """Bytes beyond what the child has when it begins."""
@@ -90,7 +94,7 @@ def _check(
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise FieldError(f"{path}: it is damaged: {_ending(-signal.SIGXCPU, seconds)}") from None
+        raise FieldError(f"{path}: it is damaged: {_ending(-signal.SIGPROF, seconds)}") from None
     if child.returncode == _REFUSED:
         raise FieldError(child.stdout.decode(errors="replace"))
     if child.returncode:
@@ -101,8 +105,7 @@ def try_reading(
     path: Path, variable: str | None, read: Callable[[Path, str | None], object], limits: Limits, size: int
 ) -> None:
     """What the child does: read the file under limits, and say why if it can't be read."""
-    seconds = max(1, round(limits.seconds(size)))
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+    limit_time(limits.seconds(size))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     with contextlib.suppress(ValueError):  # where address space can't be limited
         resource.setrlimit(resource.RLIMIT_AS, (_address_space() + limits.memory(size),) * 2)
@@ -119,6 +122,12 @@ def try_reading(
     sys.exit(_REFUSED)
 
 
+def limit_time(seconds: float) -> None:
+    """End this process, whatever code it runs, after so much CPU time from now; 0: do not."""
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+
+
 def _address_space() -> int:
     """Bytes that this process has mapped; 0 where nobody tells."""
     try:
@@ -128,7 +137,7 @@ def _address_space() -> int:
 
 
 def _ending(exit_code: int, seconds: float) -> str:
-    if exit_code in (-signal.SIGXCPU, -signal.SIGKILL):
-        return f"reading it does not end within {seconds:.0f} s"
+    if exit_code in (-signal.SIGPROF, -signal.SIGKILL):
+        return f"reading it does not end within {seconds:.1f} s"
     name = signal.Signals(-exit_code).name if exit_code < 0 else f"exit {exit_code}"
     return f"reading it ends the process ({name})"

@@ -25,7 +25,7 @@ def file(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("read", "told"),
     [
-        (netcdf_readers.hangs, "it is damaged: reading it does not end within 1 s"),
+        (netcdf_readers.hangs, "it is damaged: reading it does not end within 1.0 s"),
         (netcdf_readers.crashes, r"it is damaged: reading it ends the process \(SIGABRT\)"),
         (netcdf_readers.hoards, "takes more memory than a sound file of its size would"),
         (netcdf_readers.refuses, "sea.nc: no salt"),
@@ -50,5 +50,6 @@ def test_a_file_is_tried_again_when_it_has_changed(file: Path) -> None:
 def test_larger_files_have_more() -> None:
     limits = Limits()
     assert limits.seconds(2**30) > 100.0
+    assert limits.seconds(2**16) < 1.0, "a small one that is damaged holds nobody up"
     assert limits.memory(2**30) > 2**34
     assert limits.memory(1000) < 2**30
